@@ -45,15 +45,22 @@ pub struct BsdfSample {
 
 /// The closed set of scattering functions.
 #[derive(Clone, Copy, Debug)]
-pub enum Bsdf {
+pub enum Bsdf<'a> {
     /// Lambertian reflection from the front side.
     Diffuse {
         /// Albedo.
         reflectance: Rgb,
+        /// Later variants borrow tables.
+        marker: std::marker::PhantomData<&'a ()>,
     },
 }
 
-impl Bsdf {
+impl<'a> Bsdf<'a> {
+    /// Lambertian reflection.
+    pub fn diffuse(reflectance: Rgb) -> Self {
+        Bsdf::Diffuse { reflectance, marker: std::marker::PhantomData }
+    }
+
     /// f(wo, wi)·|cosθ_i| of the non-delta lobes.
     pub fn eval(&self, wo: Vec3, wi: Vec3, mode: Mode, share: Share) -> Rgb {
         let _ = (wo, wi, mode, share);

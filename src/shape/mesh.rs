@@ -35,7 +35,8 @@ impl Mesh {
 
     /// Sum of the triangles' areas.
     pub fn area(&self) -> f32 {
-        (0..self.triangles.len() as u32).map(|t| 0.5 * self.area_vector(t).length() as f64).sum::<f64>() as f32
+        (0..self.triangles.len() as u32).map(|t| 0.5 * self.area_vector(t).length() as f64).sum::<f64>()
+            as f32
     }
 
     /// The point with barycentric weights (1−u−v, u, v). A triangle of no area has the normal z.

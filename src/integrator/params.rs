@@ -1,0 +1,133 @@
+//! The integrators' parameters, their names, defaults and ranges.
+
+use crate::{Error, Result};
+
+/// Kernels of density estimation. All are normalised over the disk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kernel {
+    /// The same weight everywhere.
+    Constant,
+    /// Falling linearly.
+    Cone,
+    /// 2(1 − d²): least asymptotic error.
+    Epanechnikov,
+    /// 3(1 − d²)²: smooth at the rim.
+    Biweight,
+}
+
+/// Parameters of the integrators, with their defaults.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Params {
+    /// `global_photons`: photon paths emitted per pass for the global map; 0 chooses by the number of pixels.
+    pub global_photons: u64,
+    /// `caustic_photons`: photon paths emitted per pass for the caustic map; 0 chooses by the number of pixels.
+    pub caustic_photons: u64,
+    /// `global_k`: photons in an estimate from the global map (50).
+    pub global_k: u32,
+    /// `caustic_k`: photons in an estimate from the caustic map (50).
+    pub caustic_k: u32,
+    /// `global_radius`: largest lookup radius in the global map, as a fraction of the scene's radius (0.1).
+    pub global_radius: f32,
+    /// `caustic_radius`: largest lookup radius in the caustic map, as a fraction of the scene's radius (0.05).
+    pub caustic_radius: f32,
+    /// `kernel`: `constant`, `cone`, `epanechnikov` (default) or `biweight`.
+    pub kernel: Kernel,
+    /// `final_gather`: gather indirect light over the global map (default), or show the map directly.
+    pub final_gather: bool,
+    /// `alpha`: how fast the lookup radius shrinks from pass to pass, in (0, 1] where 1 keeps it (2/3).
+    pub alpha: f32,
+    /// `max_depth`: longest path in segments, −1 for no limit (default); 1 shows only what lights emit.
+    pub max_depth: i32,
+    /// `rr_depth`: path length from which Russian roulette may end a path (5).
+    pub rr_depth: u32,
+    /// `hide_emitters`: lights are not seen directly (false).
+    pub hide_emitters: bool,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Params {
+            global_photons: 0,
+            caustic_photons: 0,
+            global_k: 50,
+            caustic_k: 50,
+            global_radius: 0.1,
+            caustic_radius: 0.05,
+            kernel: Kernel::Epanechnikov,
+            final_gather: true,
+            alpha: 2.0 / 3.0,
+            max_depth: -1,
+            rr_depth: 5,
+            hide_emitters: false,
+        }
+    }
+}
+
+fn number<T: std::str::FromStr>(name: &str, value: &str) -> Result<T> {
+    value
+        .trim()
+        .parse()
+        .map_err(|_| Error::Usage(format!("parameter '{name}': '{value}' is not a valid number")))
+}
+
+fn boolean(name: &str, value: &str) -> Result<bool> {
+    match value.trim() {
+        "true" => Ok(true),
+        "false" => Ok(false),
+        _ => Err(Error::Usage(format!("parameter '{name}': '{value}' is neither true nor false"))),
+    }
+}
+
+impl Params {
+    /// Sets a parameter by name, from text as it stands in a scene or after `--set`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] with the name if it is unknown or the value makes no sense.
+    pub fn set(&mut self, name: &str, value: &str) -> Result<()> {
+        let out_of_range = |range| Err(Error::Usage(format!("parameter '{name}': '{value}' is not {range}")));
+        match name {
+            "global_photons" => self.global_photons = number(name, value)?,
+            "caustic_photons" => self.caustic_photons = number(name, value)?,
+            "global_k" | "caustic_k" => match number(name, value)? {
+                k @ 2..=10_000 if name == "global_k" => self.global_k = k,
+                k @ 2..=10_000 => self.caustic_k = k,
+                _ => return out_of_range("between 2 and 10000"),
+            },
+            "global_radius" | "caustic_radius" => match number::<f32>(name, value)? {
+                r if r > 0.0 && r.is_finite() && name == "global_radius" => self.global_radius = r,
+                r if r > 0.0 && r.is_finite() => self.caustic_radius = r,
+                _ => return out_of_range("a positive fraction of the scene's radius"),
+            },
+            "kernel" => {
+                self.kernel = match value.trim() {
+                    "constant" => Kernel::Constant,
+                    "cone" => Kernel::Cone,
+                    "epanechnikov" => Kernel::Epanechnikov,
+                    "biweight" => Kernel::Biweight,
+                    _ => return out_of_range("one of constant, cone, epanechnikov, biweight"),
+                }
+            }
+            "final_gather" => self.final_gather = boolean(name, value)?,
+            "alpha" => match number::<f32>(name, value)? {
+                a if a > 0.0 && a <= 1.0 => self.alpha = a,
+                _ => return out_of_range("above 0 and at most 1"),
+            },
+            "max_depth" => match number(name, value)? {
+                d if d >= -1 => self.max_depth = d,
+                _ => return out_of_range("-1 or more"),
+            },
+            "rr_depth" => match number(name, value)? {
+                0 => return out_of_range("at least 1"),
+                d => self.rr_depth = d,
+            },
+            "hide_emitters" => self.hide_emitters = boolean(name, value)?,
+            _ => {
+                return Err(Error::Usage(format!(
+                    "unknown parameter '{name}': known are global_photons, caustic_photons, global_k, caustic_k, \
+                     global_radius, caustic_radius, kernel, final_gather, alpha, max_depth, rr_depth, hide_emitters"
+                )));
+            }
+        }
+        Ok(())
+    }
+}

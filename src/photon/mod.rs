@@ -1,0 +1,1 @@
+//! Photon emission, transport, maps and density estimation.

@@ -1,0 +1,196 @@
+//! A scene owns everything by `Vec` and names it by `u32` index. Loaders fill a [`SceneDescription`]; [`Scene::new`]
+//! builds the acceleration structure and prepares the lights.
+
+mod material;
+
+pub use material::Material;
+
+use crate::accel::{self, Backend, Intersector};
+use crate::bsdf::Bsdf;
+use crate::camera::Camera;
+use crate::film::FilmSettings;
+use crate::light::{Light, Lights};
+use crate::math::{Frame, Ray, Rgb, offset_origin};
+use crate::shape::{Bounds, Geometry, Hit};
+use crate::texture::Texture;
+use crate::{Error, Result};
+use glam::{Vec2, Vec3};
+use std::path::PathBuf;
+
+/// What a scene file says, with meshes and textures loaded.
+#[derive(Clone, Debug)]
+pub struct SceneDescription {
+    /// All shapes, in world space.
+    pub geometry: Geometry,
+    /// For each shape its material.
+    pub shape_material: Vec<u32>,
+    /// Materials; shapes name them by index.
+    pub materials: Vec<Material>,
+    /// Textures; materials and lights name them by index.
+    pub textures: Vec<Texture>,
+    /// Lights; area lights name their shape.
+    pub lights: Vec<Light>,
+    /// The camera.
+    pub camera: Camera,
+    /// Size, crop and reconstruction filter.
+    pub film: FilmSettings,
+    /// Samples per pixel that the file asks for.
+    pub sample_count: u32,
+    /// Type of the integrator that the file names, innermost of wrappers; empty if none.
+    pub integrator: String,
+    /// Its parameters, as (name, value, file, line): the integrator understands or refuses them.
+    pub integrator_params: Vec<IntegratorParam>,
+    /// What the file asks for and is ignored, ready to print.
+    pub warnings: Vec<String>,
+}
+
+/// One parameter of the scene's integrator.
+#[derive(Clone, Debug)]
+pub struct IntegratorParam {
+    /// Name as in the file.
+    pub name: String,
+    /// Value as text.
+    pub value: String,
+    /// Where it stands.
+    pub file: PathBuf,
+    /// Its line, from 1.
+    pub line: u32,
+}
+
+/// A scene ready to be rendered.
+pub struct Scene {
+    /// All shapes.
+    pub geometry: Geometry,
+    /// Textures.
+    pub textures: Vec<Texture>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// Lights.
+    pub lights: Lights,
+    /// The camera.
+    pub camera: Camera,
+    /// Size, crop and filter.
+    pub film: FilmSettings,
+    /// Bounds of all shapes.
+    pub bounds: Bounds,
+    shape_material: Vec<u32>,
+    shape_light: Vec<Option<u32>>,
+    intersector: Box<dyn Intersector>,
+}
+
+/// A shading point: everything that scattering at a hit needs.
+#[derive(Clone, Copy, Debug)]
+pub struct Surface<'a> {
+    /// Position.
+    pub p: Vec3,
+    /// Geometric normal, as the shape is oriented.
+    pub n_g: Vec3,
+    /// Shading frame.
+    pub frame: Frame,
+    /// Texture coordinates.
+    pub uv: Vec2,
+    /// What scatters here.
+    pub bsdf: Bsdf<'a>,
+    /// The area light that the shape is.
+    pub light: Option<u32>,
+    /// The shape.
+    pub shape: u32,
+    magnitude: f32,
+}
+
+impl Surface<'_> {
+    /// A ray that leaves the surface in world direction `d`.
+    pub fn spawn(&self, d: Vec3) -> Ray {
+        Ray::new(offset_origin(self.p, self.n_g, d, self.magnitude), d)
+    }
+
+    /// The ray from the surface to `target`, which lies off its own surface, without that end.
+    pub fn spawn_to(&self, target: Vec3) -> Ray {
+        let o = offset_origin(self.p, self.n_g, target - self.p, self.magnitude);
+        let (d, t) = (target - o, (target - o).length());
+        Ray { o, t_min: 0.0, d: d / t, t_max: t * (1.0 - 4.0 * f32::EPSILON) }
+    }
+}
+
+impl Scene {
+    /// Builds the acceleration structure and prepares the lights.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if the build lacks `backend`, [`Error::Runtime`] if building the structure fails.
+    pub fn new(d: SceneDescription, backend: Backend) -> Result<Scene> {
+        let bounds = d.geometry.bounds();
+        let lights = Lights::new(d.lights, &d.geometry, &d.textures);
+        let mut shape_light = vec![None; d.geometry.shapes.len()];
+        for (i, light) in lights.lights().iter().enumerate() {
+            if let Light::Area { shape, .. } = light {
+                shape_light[*shape as usize] = Some(i as u32);
+            }
+        }
+        if d.shape_material.len() != d.geometry.shapes.len() {
+            return Err(Error::Runtime("every shape needs a material".into()));
+        }
+        let intersector = accel::build(backend, &d.geometry)?;
+        Ok(Scene {
+            geometry: d.geometry,
+            textures: d.textures,
+            materials: d.materials,
+            lights,
+            camera: d.camera,
+            film: d.film,
+            bounds,
+            shape_material: d.shape_material,
+            shape_light,
+            intersector,
+        })
+    }
+
+    /// The material of a shape.
+    pub fn material(&self, shape: u32) -> &Material {
+        &self.materials[self.shape_material[shape as usize] as usize]
+    }
+
+    /// The nearest hit.
+    pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
+        self.intersector.intersect(ray)
+    }
+
+    /// The nearest surface.
+    pub fn hit(&self, ray: &Ray) -> Option<Surface<'_>> {
+        self.intersect(ray).map(|hit| self.surface(ray, &hit))
+    }
+
+    /// Whether anything lies on the ray.
+    pub fn occluded(&self, ray: &Ray) -> bool {
+        self.intersector.occluded(ray)
+    }
+
+    /// Shading data of a hit.
+    pub fn surface(&self, ray: &Ray, hit: &Hit) -> Surface<'_> {
+        let shape = &self.geometry.shapes[hit.shape as usize];
+        let point = shape.point(ray, hit);
+        let material = self.material(hit.shape);
+        let frame = if material.needs_tangent() {
+            Frame::from_normal_and_tangent(point.n_s, shape.dp_du(hit, &point))
+        } else {
+            Frame::from_normal(point.n_s)
+        };
+        Surface {
+            p: point.p,
+            n_g: point.n_g,
+            frame,
+            uv: point.uv,
+            bsdf: material.bsdf(&self.textures, point.uv),
+            light: self.shape_light[hit.shape as usize],
+            shape: hit.shape,
+            magnitude: point.magnitude,
+        }
+    }
+
+    /// Radiance that an area light at `surface` sends towards `wo` (world).
+    pub fn emitted(&self, surface: &Surface, wo: Vec3) -> Rgb {
+        match surface.light {
+            Some(light) => self.lights.emitted(light, &self.textures, surface.uv, surface.n_g, wo),
+            None => Rgb::ZERO,
+        }
+    }
+}
