@@ -1,19 +1,7 @@
 //! The integrators' parameters, their names, defaults and ranges.
 
+use crate::photon::Kernel;
 use crate::{Error, Result};
-
-/// Kernels of density estimation. All are normalised over the disk.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kernel {
-    /// The same weight everywhere.
-    Constant,
-    /// Falling linearly.
-    Cone,
-    /// 2(1 − d²): least asymptotic error.
-    Epanechnikov,
-    /// 3(1 − d²)²: smooth at the rim.
-    Biweight,
-}
 
 /// Parameters of the integrators, with their defaults.
 #[derive(Clone, Debug, PartialEq)]
