@@ -99,11 +99,13 @@ pub(super) fn radiance(
                     broad(lit.wi, Share::BroadLight, lit.f),
                     broad(lit.wi, Share::BroadEye, lit.f),
                 );
-                sum += next.parts(lit.light, depth, first_delta && depth > 1);
+                sum += next.parts(lit.light, depth, first_delta);
             }
         }
 
-        let Some(sample) = s.bsdf.sample(wo, sampler.next_1d(), sampler.next_2d(), Mode::Radiance) else { break };
+        let Some(sample) = s.bsdf.sample(wo, sampler.next_1d(), sampler.next_2d(), Mode::Radiance) else {
+            break;
+        };
         beta = if sample.delta {
             first_delta |= depth == 1;
             beta.scatter(depth, sample.weight, Rgb::ZERO, Rgb::ZERO)

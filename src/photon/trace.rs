@@ -64,7 +64,14 @@ pub fn trace(scene: &Scene, seed: u64, pass: u32, store: Store, count: u64, max_
     all
 }
 
-fn trace_one(scene: &Scene, sampler: &mut Sampler, store: Store, scale: f32, max_depth: u32, out: &mut Traced) {
+fn trace_one(
+    scene: &Scene,
+    sampler: &mut Sampler,
+    store: Store,
+    scale: f32,
+    max_depth: u32,
+    out: &mut Traced,
+) {
     let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
     let emitted = scene.lights.sample_emission(&scene.geometry, &scene.textures, u_light, u_pos, u_dir);
     let Some(start) = emitted else { return };
