@@ -2,7 +2,7 @@
 //! photons, but sorts what it finds into the same [`Parts`] as photon mapping, so each part can be checked alone.
 
 use super::direct::{self, Previous};
-use super::{Params, Parts};
+use super::{Params, Parts, Seen};
 use crate::bsdf::{Mode, Share};
 use crate::math::{Ray, Rgb, Sampler};
 use crate::scene::Scene;
@@ -61,6 +61,7 @@ pub(super) fn radiance(
     params: &Params,
     mut ray: Ray,
     sampler: &mut Sampler,
+    seen: &mut Seen,
     rays: &mut u64,
 ) -> Parts {
     let mut sum = Parts::default();
@@ -79,6 +80,9 @@ pub(super) fn radiance(
             }
             break;
         };
+        if depth == 1 {
+            *seen = Seen::new(&s, &ray);
+        }
         if visible {
             sum += beta.parts(direct::emitted(scene, &s, &ray, &previous), bounces, first_delta);
         }

@@ -2,11 +2,11 @@
 
 use super::direct::{self, Previous};
 use super::plan::Plan;
-use super::{DirectLight, Params, Parts};
+use super::{DirectLight, Params, Parts, Seen};
 use crate::bsdf::{Mode, Share};
 use crate::math::{Ray, Rgb, Sampler, luminance};
 use crate::photon::kdtree::KnnHeap;
-use crate::photon::{Estimator, PhotonMap, Store, trace};
+use crate::photon::{Estimator, Photon, PhotonMap, Store, trace};
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
 use std::time::Instant;
@@ -38,31 +38,43 @@ fn shrink(alpha: f32, pass: u32) -> f32 {
     product.sqrt() as f32
 }
 
+/// The photon passes of one pass of `params`: what each stores, and how many paths it emits.
+fn photon_passes(params: &Params, plan: &Plan) -> [(Store, u64); 2] {
+    // Gather rays end at the global map, so it holds all light; shown directly it stands beside the caustic map.
+    let global =
+        if params.final_gather || params.direct == DirectLight::Map { Store::All } else { Store::NotCaustic };
+    [(global, plan.global_photons), (Store::Caustic, plan.caustic_photons)]
+}
+
+/// The photons that pass number 0 stores, for looking at them; `true` marks those of the caustic map.
+pub(super) fn photons(scene: &Scene, params: &Params, plan: &Plan, seed: u64) -> Vec<(Photon, bool)> {
+    let trace = |(store, count)| {
+        let photons = trace(scene, seed, 0, store, count, params.max_segments().saturating_sub(1)).photons;
+        photons.into_iter().map(move |photon| (photon, store == Store::Caustic))
+    };
+    photon_passes(params, plan).into_iter().flat_map(trace).collect()
+}
+
 impl Maps {
     /// Shoots the photons of `pass` and builds its maps.
     pub(super) fn new(scene: &Scene, params: &Params, plan: &Plan, seed: u64, pass: u32) -> (Maps, MapStats) {
         let mut stats = MapStats::default();
         // The camera's own segment is not the photons' to fly.
-        let max_depth = params.max_segments() - 1;
-        let mut map = |store, count, stored: fn(&mut MapStats) -> &mut u64| {
-            if count == 0 {
-                return PhotonMap::default();
-            }
-            let start = Instant::now();
-            let traced = trace(scene, seed, pass, store, count, max_depth);
-            stats.seconds_photons += start.elapsed().as_secs_f64();
-            let start = Instant::now();
-            let map = PhotonMap::new(&traced.photons);
-            stats.seconds_maps += start.elapsed().as_secs_f64();
-            stats.rays += traced.rays;
-            stats.emitted += count;
-            *stored(&mut stats) += map.len() as u64;
-            map
-        };
-        // Gather rays end at the global map, so it holds all light; shown directly it stands beside the caustic map.
-        let store = if params.final_gather { Store::All } else { Store::NotCaustic };
-        let global = map(store, plan.global_photons, |s| &mut s.global_stored);
-        let caustic = map(Store::Caustic, plan.caustic_photons, |s| &mut s.caustic_stored);
+        let max_depth = params.max_segments().saturating_sub(1);
+        let [(global, global_stored), (caustic, caustic_stored)] =
+            photon_passes(params, plan).map(|(store, count)| {
+                let start = Instant::now();
+                let traced = trace(scene, seed, pass, store, count, max_depth);
+                stats.seconds_photons += start.elapsed().as_secs_f64();
+                let start = Instant::now();
+                let map = PhotonMap::new(&traced.photons);
+                stats.seconds_maps += start.elapsed().as_secs_f64();
+                stats.rays += traced.rays;
+                stats.emitted += count;
+                let stored = map.len() as u64;
+                (map, stored)
+            });
+        (stats.global_stored, stats.caustic_stored) = (global_stored, caustic_stored);
         let shrink = shrink(params.alpha, pass);
         let estimator =
             |k, radius| Estimator { k, r_max: radius * plan.radius, shrink, kernel: params.kernel };
@@ -97,6 +109,7 @@ impl Scratch {
 /// The path follows sharp lobes, and at every vertex that scatters light into them by broad lobes too it collects
 /// direct light and caustics. When it first leaves by a broad lobe it has become a gather ray: what it now meets is
 /// taken from the global map, through any sharp lobes on the way.
+#[allow(clippy::too_many_arguments)]
 pub(super) fn radiance(
     scene: &Scene,
     params: &Params,
@@ -104,6 +117,7 @@ pub(super) fn radiance(
     mut ray: Ray,
     sampler: &mut Sampler,
     scratch: &mut Scratch,
+    seen: &mut Seen,
     rays: &mut u64,
 ) -> Parts {
     let mut sum = Parts::default();
@@ -122,6 +136,9 @@ pub(super) fn radiance(
             *emitted_part(&mut sum) += beta_emitted * direct::background(scene, &ray, &previous);
             break;
         };
+        if depth == 1 {
+            *seen = Seen::new(&s, &ray);
+        }
         *emitted_part(&mut sum) += beta_emitted * direct::emitted(scene, &s, &ray, &previous);
         if depth == max_depth || beta == Rgb::ZERO {
             break;

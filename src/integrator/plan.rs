@@ -32,14 +32,14 @@ impl Plan {
             plan.skip_both("the path tracer uses no photons");
             return plan;
         }
-        let bsdfs = scene.shape_traits();
+        let lobes = scene.lobes();
         if scene.lights.lights().is_empty() {
             plan.skip_both("there are no lights");
-        } else if !bsdfs.iter().any(|b| b.smooth) {
+        } else if !lobes.smooth {
             plan.skip_both("no surface scatters by anything but delta lobes, so no photon could be stored");
         } else if params.max_segments() <= 2 && params.direct == super::DirectLight::Sample {
             plan.skip_both("max_depth leaves nothing but direct light");
-        } else if !bsdfs.iter().any(|b| b.sharp) {
+        } else if !lobes.sharp {
             plan.skip_caustic("no surface has a sharp lobe that could focus light");
         }
         plan

@@ -3,7 +3,7 @@
 
 mod material;
 
-pub use material::Material;
+pub use material::{Lobes, Material};
 
 use crate::accel::{self, Backend, Intersector};
 use crate::bsdf::Bsdf;
@@ -142,6 +142,14 @@ impl Scene {
             shape_light,
             intersector,
         })
+    }
+
+    /// The lobes that occur anywhere in the scene.
+    pub fn lobes(&self) -> Lobes {
+        self.shape_material
+            .iter()
+            .map(|&m| self.materials[m as usize].lobes())
+            .fold(Lobes::default(), |a, b| Lobes { smooth: a.smooth | b.smooth, sharp: a.sharp | b.sharp })
     }
 
     /// The material of a shape.
