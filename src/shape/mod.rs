@@ -2,6 +2,7 @@
 //! the scene derives shading data from it; it knows none of them.
 
 mod mesh;
+mod sample;
 
 pub use mesh::Mesh;
 
