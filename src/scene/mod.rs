@@ -1,8 +1,18 @@
 //! A scene owns everything by `Vec` and names it by `u32` index. Loaders fill a [`SceneDescription`]; [`Scene::new`]
 //! builds the acceleration structure and prepares the lights.
 
+mod ior;
+mod load;
 mod material;
+mod mitsuba;
+mod mtl;
+mod obj;
+mod place;
+mod ply;
+mod serialized;
+mod spectrum;
 
+pub use load::load;
 pub use material::Material;
 
 use crate::accel::{self, Backend, Intersector};
