@@ -3,6 +3,12 @@
 //! Every light kind emits photons exactly as it lights directly: [`Lights::sample_emission`] and
 //! [`Lights::sample_direct`] describe one and the same radiance.
 
+mod envmap;
+mod spot;
+
+pub use envmap::Envmap;
+pub use spot::Spot;
+
 use crate::math::{Discrete, Rgb};
 use crate::shape::Geometry;
 use crate::texture::{Color, Texture};
@@ -54,6 +60,22 @@ pub enum Light {
         /// Radiant intensity, W/sr.
         intensity: Rgb,
     },
+    /// A point with angular falloff.
+    Spot(Spot),
+    /// Parallel light from infinitely far away.
+    Directional {
+        /// The direction in which the light travels, unit length.
+        direction: Vec3,
+        /// Irradiance on a surface facing the light, W per unit area.
+        irradiance: Rgb,
+    },
+    /// The same radiance from everywhere.
+    Constant {
+        /// Radiance.
+        radiance: Rgb,
+    },
+    /// A distant image all around.
+    Envmap(Envmap),
 }
 
 /// All lights of a scene, and what is needed to choose among them.
