@@ -566,7 +566,7 @@ impl Reader<'_> {
             let value = u32::from_str_radix(hex, 16).ok().filter(|_| hex.len() == 6 && hex.is_ascii());
             let value =
                 value.ok_or_else(|| self.tree.error(pos, format!("'{text}' is not a colour like #ff8000")))?;
-            let channel = |shift: u32| crate::texture::srgb_to_linear(((value >> shift) & 255) as f32 / 255.0) as f64;
+            let channel = |shift: u32| crate::image_io::srgb_to_linear(((value >> shift) & 255) as f32 / 255.0) as f64;
             return Ok(DVec3::new(channel(16), channel(8), channel(0)));
         }
         match self.numbers(text, pos)?[..] {
