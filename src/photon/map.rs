@@ -55,7 +55,7 @@ impl Record {
 }
 
 /// Photons, found by position.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct PhotonMap {
     tree: KdTree,
     records: Vec<Record>,

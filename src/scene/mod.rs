@@ -1,8 +1,18 @@
 //! A scene owns everything by `Vec` and names it by `u32` index. Loaders fill a [`SceneDescription`]; [`Scene::new`]
 //! builds the acceleration structure and prepares the lights.
 
+mod ior;
+mod load;
 mod material;
+mod mitsuba;
+mod mtl;
+mod obj;
+mod place;
+mod ply;
+mod serialized;
+mod spectrum;
 
+pub use load::load;
 pub use material::{Lobes, Material};
 
 use crate::accel::{self, Backend, Intersector};
@@ -187,7 +197,7 @@ impl Scene {
             n_g: point.n_g,
             frame,
             uv: point.uv,
-            bsdf: material.bsdf(&self.textures, point.uv),
+            bsdf: material.bsdf(&self.textures, point.uv, ray.d.dot(point.n_s) <= 0.0),
             light: self.shape_light[hit.shape as usize],
             shape: hit.shape,
             magnitude: point.magnitude,
