@@ -156,10 +156,8 @@ impl Scene {
 
     /// The lobes that occur anywhere in the scene.
     pub fn lobes(&self) -> Lobes {
-        self.shape_material
-            .iter()
-            .map(|&m| self.materials[m as usize].lobes())
-            .fold(Lobes::default(), |a, b| Lobes { smooth: a.smooth | b.smooth, sharp: a.sharp | b.sharp })
+        let materials = self.shape_material.iter().map(|&m| &self.materials[m as usize]);
+        materials.fold(Lobes::default(), |lobes, material| lobes.union(material.lobes()))
     }
 
     /// The material of a shape.
