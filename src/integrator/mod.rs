@@ -260,7 +260,7 @@ fn pass(
     let start = Instant::now();
     let (x0, y0, width, height) = scene.film.crop;
     let full = Vec2::new(scene.film.size.0 as f32, scene.film.size.1 as f32);
-    let filter = scene.film.filter.sampler();
+    let filter = scene.film.filter;
     let rows: Vec<(Vec<Sample>, u64)> = (y0..y0 + height)
         .into_par_iter()
         .map_init(
