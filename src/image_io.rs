@@ -320,8 +320,8 @@ fn sort_attributes(bytes: &mut [u8]) {
 pub fn write_png(path: &Path, image: &Image, exposure: f32) -> Result<()> {
     use image::ImageEncoder;
     let scale = exposure.exp2();
-    // `max` also turns NaN into black.
-    let encode = |x: f32| (linear_to_srgb((x * scale).max(0.0).min(1.0)) * 255.0 + 0.5) as u8;
+    // NaN becomes black: casts take it to zero.
+    let encode = |x: f32| (linear_to_srgb((x * scale).clamp(0.0, 1.0)) * 255.0 + 0.5) as u8;
     let bytes: Vec<u8> = image.pixels.iter().flat_map(|p| p.to_array().map(encode)).collect();
     let mut png = Vec::new();
     image::codecs::png::PngEncoder::new(&mut png)
