@@ -1,9 +1,19 @@
 //! A scene owns everything by `Vec` and names it by `u32` index. Loaders fill a [`SceneDescription`]; [`Scene::new`]
 //! builds the acceleration structure and prepares the lights.
 
+mod ior;
+mod load;
 mod material;
+mod mitsuba;
+mod mtl;
+mod obj;
+mod place;
+mod ply;
+mod serialized;
+mod spectrum;
 
-pub use material::Material;
+pub use load::load;
+pub use material::{Lobes, Material};
 
 use crate::accel::{self, Backend, Intersector};
 use crate::bsdf::Bsdf;
@@ -154,6 +164,12 @@ impl Scene {
         })
     }
 
+    /// The lobes that occur anywhere in the scene.
+    pub fn lobes(&self) -> Lobes {
+        let materials = self.shape_material.iter().map(|&m| &self.materials[m as usize]);
+        materials.fold(Lobes::default(), |lobes, material| lobes.union(material.lobes()))
+    }
+
     /// The material of a shape.
     pub fn material(&self, shape: u32) -> &Material {
         &self.materials[self.shape_material[shape as usize] as usize]
@@ -189,7 +205,7 @@ impl Scene {
             n_g: point.n_g,
             frame,
             uv: point.uv,
-            bsdf: material.bsdf(&self.textures, point.uv),
+            bsdf: material.bsdf(&self.textures, point.uv, ray.d.dot(point.n_s) <= 0.0),
             light: self.shape_light[hit.shape as usize],
             shape: hit.shape,
             magnitude: point.magnitude,

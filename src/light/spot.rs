@@ -1,0 +1,152 @@
+//! Spotlights: a point with an angular falloff, optionally projecting a texture (Mitsuba 3 `spot`).
+
+use super::{DirectSample, EmissionSample};
+use crate::math::{Discrete, Rgb, luminance, warp};
+use crate::texture::Texture;
+use glam::{Affine3A, Mat3, Vec2, Vec3};
+
+/// A point light that shines along its local +z, fully within `beam`, falling off linearly in the angle to nothing
+/// at `cutoff`.
+#[derive(Clone, Debug)]
+pub struct Spot {
+    position: Vec3,
+    to_world: Mat3,
+    to_local: Mat3,
+    intensity: Rgb,
+    cutoff: f32,
+    beam: f32,
+    texture: Option<u32>,
+}
+
+impl Spot {
+    /// `intensity` in W/sr, angles in degrees from the axis, `texture` an index into the scene's textures: it is
+    /// projected onto the square around the cutoff cone's cross-section.
+    ///
+    /// # Errors
+    /// A message if the transform is singular or an angle makes no sense.
+    pub fn new(
+        to_world: Affine3A,
+        intensity: Rgb,
+        cutoff_degrees: f32,
+        beam_degrees: f32,
+        texture: Option<u32>,
+    ) -> Result<Spot, String> {
+        let matrix = Mat3::from(to_world.matrix3);
+        let position = Vec3::from(to_world.translation);
+        let to_local = matrix.inverse();
+        if !(matrix.is_finite() && position.is_finite() && to_local.is_finite()) {
+            return Err("the spot light's transformation is singular or not finite".into());
+        }
+        if !(cutoff_degrees > 0.0 && cutoff_degrees <= 180.0) {
+            return Err(format!(
+                "the cutoff angle must be above 0 and at most 180 degrees, not {cutoff_degrees}"
+            ));
+        }
+        if !(beam_degrees >= 0.0) {
+            return Err(format!("the beam width must not be negative, but is {beam_degrees} degrees"));
+        }
+        let (cutoff, beam) = (cutoff_degrees.to_radians(), beam_degrees.min(cutoff_degrees).to_radians());
+        Ok(Spot { position, to_world: matrix, to_local, intensity, cutoff, beam, texture })
+    }
+
+    /// Radiant intensity towards the local unit direction `l`.
+    fn intensity(&self, textures: &[Texture], l: Vec3) -> Rgb {
+        // The angle from both sine and cosine: acos alone is blind near the axis.
+        let theta = l.truncate().length().atan2(l.z);
+        if theta >= self.cutoff {
+            return Rgb::ZERO;
+        }
+        let falloff =
+            if theta <= self.beam { 1.0 } else { (self.cutoff - theta) / (self.cutoff - self.beam) };
+        let projected = self
+            .texture
+            .and_then(|i| textures.get(i as usize))
+            .map_or(Rgb::ONE, |texture| texture.eval(0.5 + 0.5 * l.truncate() / (l.z * self.cutoff.tan())));
+        self.intensity * projected * falloff
+    }
+
+    /// dω(world)/dω(local) at the local unit direction `l`: 1 unless the transformation scales.
+    fn stretch(&self, l: Vec3) -> f32 {
+        self.to_world.determinant().abs() / (self.to_world * l).length().powi(3)
+    }
+
+    fn one_minus_cos(&self) -> f32 {
+        2.0 * (0.5 * self.cutoff).sin().powi(2)
+    }
+
+    pub(super) fn direct(&self, textures: &[Texture], p: Vec3) -> Option<DirectSample> {
+        let to = self.position - p;
+        let weight = self.intensity(textures, (self.to_local * -to).try_normalize()?) / to.length_squared();
+        (weight != Rgb::ZERO).then_some(DirectSample {
+            wi: to.normalize(),
+            target: Some(self.position),
+            weight,
+            pdf_w: 1.0,
+            delta: true,
+        })
+    }
+}
+
+/// Importance of the directions in a spotlight's cone: piecewise constant over the unit square that
+/// [`warp::cone`] maps to the cone.
+#[derive(Clone, Debug)]
+pub(super) struct SpotTable {
+    rows: Discrete,
+    columns: Vec<Discrete>,
+    power: Rgb,
+}
+
+impl SpotTable {
+    const SIZE: usize = 64;
+    /// Samples per cell and axis when a cell's mean is computed.
+    const SUB: usize = 4;
+
+    pub(super) fn new(spot: &Spot, textures: &[Texture]) -> SpotTable {
+        const N: usize = SpotTable::SIZE;
+        let omc = spot.one_minus_cos();
+        let mut sum = [0.0f64; 3];
+        let mut cells = vec![0.0f32; N * N];
+        let fine = N * Self::SUB;
+        for y in 0..fine {
+            for x in 0..fine {
+                let u = (Vec2::new(x as f32, y as f32) + 0.5) / fine as f32;
+                let l = warp::cone(u, omc);
+                let i = spot.intensity(textures, l) * spot.stretch(l);
+                cells[y / Self::SUB * N + x / Self::SUB] += luminance(i);
+                for (s, i) in sum.iter_mut().zip(i.to_array()) {
+                    *s += i as f64;
+                }
+            }
+        }
+        // What lies between the samples of a cell is still found, if rarely.
+        let floor = 0.01 * cells.iter().sum::<f32>() / (N * N) as f32;
+        let columns: Vec<Discrete> =
+            cells.chunks(N).map(|row| Discrete::new(row.iter().map(|w| w + floor))).collect();
+        let solid_angle = 2.0 * std::f64::consts::PI * omc as f64;
+        SpotTable {
+            rows: Discrete::new(columns.iter().map(|c| c.total() as f32)),
+            columns,
+            power: Rgb::from_array(sum.map(|s| (s / (fine * fine) as f64 * solid_angle) as f32)),
+        }
+    }
+
+    pub(super) fn power(&self) -> Rgb {
+        self.power
+    }
+
+    pub(super) fn emission(&self, spot: &Spot, textures: &[Texture], u: Vec2) -> Option<EmissionSample> {
+        let (y, prob_y, v) = self.rows.sample(u.y)?;
+        let (x, prob_x, h) = self.columns[y].sample(u.x)?;
+        let omc = spot.one_minus_cos();
+        let size = Self::SIZE as f32;
+        let l = warp::cone(Vec2::new((x as f32 + h) / size, (y as f32 + v) / size), omc);
+        let pdf_w = prob_x * prob_y * (size * size) * warp::cone_pdf_w(omc);
+        let flux = spot.intensity(textures, l) * (spot.stretch(l) / pdf_w);
+        (flux != Rgb::ZERO).then(|| EmissionSample {
+            o: spot.position,
+            d: (spot.to_world * l).normalize(),
+            flux,
+            light: 0,
+        })
+    }
+}

@@ -1,0 +1,201 @@
+//! BSDF plugins to materials.
+
+use super::Loader;
+use super::props::Props;
+use super::xml::Value;
+use crate::Result;
+use crate::bsdf::{Coating, Distribution, RoughCoating};
+use crate::math::Rgb;
+use crate::scene::ior;
+use crate::scene::material::{Material, Roughness};
+use crate::scene::spectrum::Role;
+use crate::texture::{Color, Scalar};
+
+const KNOWN: &str = "diffuse, dielectric, thindielectric, roughdielectric, conductor, roughconductor, plastic, \
+                     roughplastic, twosided, mask, null";
+
+impl<'a> Loader<'a> {
+    /// The index of the material that a `<bsdf>` stands for.
+    pub(super) fn material(&mut self, props: Props<'a>) -> Result<u32> {
+        if let Some(index) = self.material_of.get(&props.index) {
+            return Ok(*index);
+        }
+        let material = self.nested(props, |loader| loader.make_material(props))?;
+        let index = self.materials.len() as u32;
+        self.materials.push(material);
+        self.material_of.insert(props.index, index);
+        Ok(index)
+    }
+
+    fn make_material(&mut self, props: Props<'a>) -> Result<Material> {
+        let mut color = |name, default| self.color(props, name, Role::Reflectance, Rgb::splat(default));
+        let material = match props.plugin() {
+            "diffuse" => Material::Diffuse { reflectance: color("reflectance", 0.5)? },
+            "null" => Material::Null,
+            "dielectric" => Material::Dielectric {
+                reflectance: color("specular_reflectance", 1.0)?,
+                transmittance: color("specular_transmittance", 1.0)?,
+                eta: relative_ior(props, "bk7")?,
+            },
+            "thindielectric" => Material::ThinDielectric {
+                reflectance: color("specular_reflectance", 1.0)?,
+                transmittance: color("specular_transmittance", 1.0)?,
+                eta: relative_ior(props, "bk7")?,
+            },
+            "roughdielectric" => {
+                let eta = relative_ior(props, "bk7")?;
+                if eta == 1.0 {
+                    return Err(props.error("a roughdielectric needs different indices inside and outside"));
+                }
+                Material::RoughDielectric {
+                    reflectance: color("specular_reflectance", 1.0)?,
+                    transmittance: color("specular_transmittance", 1.0)?,
+                    roughness: self.roughness(props)?,
+                    eta,
+                }
+            }
+            "conductor" => {
+                let reflectance = color("specular_reflectance", 1.0)?;
+                let (eta, k) = self.complex_ior(props)?;
+                Material::Conductor { eta, k, reflectance }
+            }
+            "roughconductor" => {
+                let reflectance = color("specular_reflectance", 1.0)?;
+                let (eta, k) = self.complex_ior(props)?;
+                Material::RoughConductor { eta, k, roughness: self.roughness(props)?, reflectance }
+            }
+            "plastic" => Material::Plastic {
+                diffuse: color("diffuse_reflectance", 0.5)?,
+                specular: color("specular_reflectance", 1.0)?,
+                nonlinear: props.boolean("nonlinear", false)?,
+                coating: Coating::new(relative_ior(props, "polypropylene")?),
+            },
+            "roughplastic" => {
+                let diffuse = color("diffuse_reflectance", 0.5)?;
+                let specular = color("specular_reflectance", 1.0)?;
+                let eta = relative_ior(props, "polypropylene")?;
+                let alpha = props.float("alpha", 0.1)?;
+                if !(alpha > 0.0 && alpha.is_finite()) {
+                    return Err(props.error_at("alpha", format!("'alpha' is {alpha}, but must be positive")));
+                }
+                props.boolean("sample_visible", true)?;
+                let coating = Box::new(RoughCoating::new(eta, alpha, distribution(props)?));
+                Material::RoughPlastic { coating, diffuse, specular, nonlinear: props.boolean("nonlinear", false)? }
+            }
+            "twosided" => self.two_sided(props)?,
+            "mask" => {
+                let opacity = self.scalar(props, "opacity", 0.5)?;
+                let mut nested = self.nested_bsdfs(props, 1)?;
+                match nested.pop() {
+                    Some(nested) => Material::Mask { opacity, nested: Box::new(nested) },
+                    None => return Err(props.error("a mask needs a bsdf inside")),
+                }
+            }
+            _ => return Err(props.unknown_plugin(KNOWN)),
+        };
+        props.finish()?;
+        Ok(material)
+    }
+
+    fn two_sided(&mut self, props: Props<'a>) -> Result<Material> {
+        let mut nested = self.nested_bsdfs(props, 2)?.into_iter();
+        let Some(front) = nested.next() else { return Err(props.error("a twosided needs a bsdf inside")) };
+        let back = nested.next();
+        // `allow_transmission` lets Mitsuba nest what transmits, of which it then uses only the reflection.
+        if props.boolean("allow_transmission", false)? {
+            return Err(props.error_at("allow_transmission", "'allow_transmission' is not supported"));
+        }
+        if front.transmits() || back.as_ref().is_some_and(Material::transmits) {
+            return Err(props.error("what transmits light has two sides already: it cannot stand inside a twosided"));
+        }
+        Ok(Material::TwoSided { front: Box::new(front), back: back.map(Box::new) })
+    }
+
+    /// At most `most` materials inside of another.
+    fn nested_bsdfs(&mut self, props: Props<'a>, most: usize) -> Result<Vec<Material>> {
+        let mut nested = Vec::new();
+        for (child, pos) in props.children()? {
+            if child.object.tag != "bsdf" {
+                let message = format!("{} cannot hold a <{}>", props.title(), child.object.tag);
+                return Err(self.tree.error(pos, message));
+            }
+            if nested.len() == most {
+                return Err(self.tree.error(pos, format!("{} holds at most {most} bsdfs", props.title())));
+            }
+            nested.push(self.nested(child, |loader| loader.make_material(child))?);
+        }
+        Ok(nested)
+    }
+
+    /// Real and imaginary part of the index of refraction: given, or by the name of a material.
+    fn complex_ior(&mut self, props: Props<'a>) -> Result<(Color, Color)> {
+        let material = props.opt_string("material")?.unwrap_or("none");
+        if props.has("eta") || material == "none" {
+            if props.has("material") && material != "none" {
+                return Err(props.error_at("material", "give either 'material' or 'eta' and 'k', not both"));
+            }
+            let eta = self.color(props, "eta", Role::Unbounded, Rgb::ZERO)?;
+            return Ok((eta, self.color(props, "k", Role::Unbounded, Rgb::ONE)?));
+        }
+        match ior::conductor(material) {
+            Some((eta, k)) => Ok((Color::Constant(eta), Color::Constant(k))),
+            None => {
+                let names = ior::conductor_names();
+                let message = format!("unknown conductor '{material}'; known are none, {names}");
+                Err(props.error_at("material", message))
+            }
+        }
+    }
+
+    fn roughness(&mut self, props: Props<'a>) -> Result<Roughness> {
+        props.boolean("sample_visible", true)?;
+        let anisotropic = props.has("alpha_u") || props.has("alpha_v");
+        if anisotropic && (props.has("alpha") || !props.has("alpha_u") || !props.has("alpha_v")) {
+            let at = if props.has("alpha_u") { "alpha_u" } else { "alpha_v" };
+            return Err(props.error_at(at, "give either 'alpha', or 'alpha_u' and 'alpha_v'"));
+        }
+        let mut alpha = |name| -> Result<Scalar> {
+            let alpha = self.scalar(props, name, 0.1)?;
+            match alpha {
+                Scalar::Constant(a) if !(a > 0.0) => {
+                    Err(props.error_at(name, format!("'{name}' is {a}, but must be positive")))
+                }
+                _ => Ok(alpha),
+            }
+        };
+        let (alpha_u, alpha_v) = if anisotropic {
+            (alpha("alpha_u")?, alpha("alpha_v")?)
+        } else {
+            let alpha = alpha("alpha")?;
+            (alpha, alpha)
+        };
+        Ok(Roughness { distribution: distribution(props)?, alpha_u, alpha_v })
+    }
+}
+
+fn distribution(props: Props) -> Result<Distribution> {
+    let choices = [("beckmann", Distribution::Beckmann), ("ggx", Distribution::Ggx)];
+    props.choice("distribution", Distribution::Beckmann, &choices)
+}
+
+/// Interior over exterior index; either may be a number or a name.
+fn relative_ior(props: Props, interior: &str) -> Result<f32> {
+    let index = |name: &str, default: &str| -> Result<f32> {
+        let word = match props.get(name).map(|p| &p.value) {
+            None => default,
+            Some(Value::String(word)) => word,
+            Some(_) => {
+                let value = props.float(name, 1.0)?;
+                if value > 0.0 && value.is_finite() {
+                    return Ok(value);
+                }
+                return Err(props.error_at(name, format!("'{name}' is {value}, but must be positive")));
+            }
+        };
+        ior::dielectric(word).ok_or_else(|| {
+            let message = format!("unknown material '{word}'; known are {}", ior::dielectric_names());
+            props.error_at(name, message)
+        })
+    };
+    Ok(index("int_ior", interior)? / index("ext_ior", "air")?)
+}

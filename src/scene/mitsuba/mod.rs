@@ -1,0 +1,167 @@
+//! Mitsuba 3 scenes. [`xml`] knows the grammar, [`props`] types and use of parameters; the other modules know one kind
+//! of plugin each.
+
+mod bsdfs;
+mod emitters;
+mod props;
+mod sensor;
+mod shapes;
+mod textures;
+mod xml;
+
+use super::{IntegratorParam, SceneDescription};
+use crate::Result;
+use crate::light::Light;
+use crate::scene::Material;
+use crate::shape::Geometry;
+use crate::texture::Texture;
+use props::Props;
+use std::collections::HashMap;
+use std::path::Path;
+use xml::{Property, Tree, Value};
+
+/// Largest width or height of an image.
+pub(super) const MAX_SIDE: u32 = 65_536;
+/// References can make deeper objects than elements nest.
+const MAX_DEPTH: u32 = 32;
+
+/// Collects what goes into the scene. Materials and textures that several objects refer to are made once.
+struct Loader<'a> {
+    tree: &'a Tree,
+    materials: Vec<Material>,
+    material_of: HashMap<usize, u32>,
+    textures: Vec<Texture>,
+    /// By object and how it is used.
+    texture_of: HashMap<(usize, textures::Use), u32>,
+    lights: Vec<Light>,
+    jobs: Vec<shapes::Job>,
+    shape_material: Vec<u32>,
+    warnings: Vec<String>,
+    depth: u32,
+}
+
+/// Reads a Mitsuba scene.
+pub(super) fn load(
+    path: &Path,
+    defines: &[(String, String)],
+    size: Option<(u32, u32)>,
+) -> Result<SceneDescription> {
+    let tree = Tree::read(path, defines)?;
+    let mut loader = Loader {
+        tree: &tree,
+        materials: Vec::new(),
+        material_of: HashMap::new(),
+        textures: Vec::new(),
+        texture_of: HashMap::new(),
+        lights: Vec::new(),
+        jobs: Vec::new(),
+        shape_material: Vec::new(),
+        warnings: tree.warnings.clone(),
+        depth: 0,
+    };
+    let scene = Props::new(&tree, 0);
+    let (mut sensor, mut integrator) = (None, None);
+    for (child, pos) in scene.children()? {
+        match child.object.tag.as_str() {
+            "shape" => loader.shape(child)?,
+            "emitter" => loader.emitter(child)?,
+            "sensor" if sensor.is_some() => {
+                loader.warn_at(pos, "a scene with several sensors is rendered with the first");
+            }
+            "sensor" => sensor = Some(loader.sensor(child, size)?),
+            "integrator" if integrator.is_some() => {
+                loader.warn_at(pos, "a second integrator is ignored");
+            }
+            "integrator" => integrator = Some(loader.integrator(child)?),
+            // Made where something refers to them.
+            "bsdf" | "texture" | "medium" | "volume" | "phase" => {}
+            "film" | "sampler" | "rfilter" => {
+                return Err(child.error(format!("<{}> belongs inside a <sensor>", child.object.tag)));
+            }
+            tag => return Err(child.error(format!("<{tag}> cannot stand inside <scene>"))),
+        }
+    }
+    // Named textures and media at the top are definitions like the rest.
+    for property in scene.unused().filter(|p| matches!(p.value, Value::Object(_))) {
+        property.used.set(true);
+    }
+    scene.finish()?;
+    let Some(sensor) = sensor else {
+        return Err(scene.error("the scene has no <sensor>: there is no view to render"));
+    };
+    let (integrator, integrator_params) = integrator.unwrap_or_default();
+    let shapes = shapes::build(loader.jobs)?;
+    Ok(SceneDescription {
+        geometry: Geometry { shapes },
+        shape_material: loader.shape_material,
+        materials: loader.materials,
+        textures: loader.textures,
+        lights: loader.lights,
+        camera: sensor.camera,
+        film: sensor.film,
+        sample_count: sensor.sample_count,
+        integrator,
+        integrator_params,
+        warnings: loader.warnings,
+    })
+}
+
+/// Parameters of Mitsuba's integrators that only steer how it samples.
+const UNUSED_INTEGRATOR_PARAMETERS: [&str; 6] =
+    ["block_size", "samples_per_pass", "timeout", "shading_samples", "emitter_samples", "bsdf_samples"];
+
+impl<'a> Loader<'a> {
+    fn warn_at(&mut self, pos: xml::Pos, message: &str) {
+        self.warnings.push(self.tree.at(pos, message));
+    }
+
+    /// Guards recursion through references.
+    fn nested<T>(&mut self, props: Props<'a>, make: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+        self.depth += 1;
+        if self.depth > MAX_DEPTH {
+            return Err(props.error(format!("{} contains itself", props.title())));
+        }
+        let made = make(self);
+        self.depth -= 1;
+        made
+    }
+
+    /// Type and parameters of the integrator inside all wrappers.
+    fn integrator(&mut self, props: Props<'a>) -> Result<(String, Vec<IntegratorParam>)> {
+        if matches!(props.plugin(), "moment" | "aov") {
+            let children = props.children()?;
+            let inner = children.iter().find(|(c, _)| c.object.tag == "integrator");
+            return match inner {
+                Some((inner, _)) => self.nested(*inner, |loader| loader.integrator(*inner)),
+                None => Err(props.error(format!("{} contains no integrator", props.title()))),
+            };
+        }
+        let mut params = Vec::new();
+        for property in &props.object.properties {
+            let Property { name, value, pos, .. } = property;
+            let value = match value {
+                _ if UNUSED_INTEGRATOR_PARAMETERS.contains(&name.as_str()) => {
+                    self.warn_at(*pos, &format!("parameter '{name}' of the integrator has no effect"));
+                    continue;
+                }
+                Value::Float(v) => v.to_string(),
+                Value::Integer(v) => v.to_string(),
+                Value::Boolean(v) => v.to_string(),
+                Value::String(v) => v.clone(),
+                other => {
+                    let message =
+                        format!("{}: a parameter cannot be of type {}", props.title(), other.kind());
+                    return Err(self.tree.error(*pos, message));
+                }
+            };
+            let file = self.tree.file(*pos).into();
+            params.push(IntegratorParam { name: name.clone(), value, file, line: pos.line });
+        }
+        // Mitsuba's `direct` shows what lights emit and what one bounce makes of it.
+        if props.plugin() == "direct" && !params.iter().any(|p| p.name == "max_depth") {
+            let (file, line) = (self.tree.file(props.object.pos).into(), props.object.pos.line);
+            params.push(IntegratorParam { name: "max_depth".into(), value: "2".into(), file, line });
+        }
+        Ok((props.plugin().to_string(), params))
+    }
+}

@@ -1,0 +1,216 @@
+//! Typed access to an object's properties, with an account of which were used.
+
+use super::xml::{Object, Pos, Property, Tree, Value};
+use crate::Result;
+use glam::{Affine3A, DAffine3, DMat4, DVec3, Mat4, Vec3};
+
+/// The properties of one object. Plugins ask for what they know, then call [`Props::finish`].
+#[derive(Clone, Copy)]
+pub(super) struct Props<'a> {
+    pub tree: &'a Tree,
+    pub object: &'a Object,
+    pub index: usize,
+}
+
+impl<'a> Props<'a> {
+    pub(super) fn new(tree: &'a Tree, index: usize) -> Props<'a> {
+        let props = Props { tree, object: &tree.objects[index], index };
+        for property in &props.object.properties {
+            property.used.set(false);
+        }
+        props
+    }
+
+    /// The plugin's name.
+    pub(super) fn plugin(&self) -> &'a str {
+        &self.object.plugin
+    }
+
+    /// What to call the object in messages.
+    pub(super) fn title(&self) -> String {
+        format!("{} plugin '{}'", self.object.tag, self.object.plugin)
+    }
+
+    pub(super) fn error(&self, message: impl Into<String>) -> crate::Error {
+        self.tree.error(self.object.pos, message)
+    }
+
+    /// For a plugin that is not among `known`.
+    pub(super) fn unknown_plugin(&self, known: &str) -> crate::Error {
+        self.error(format!("unknown {}; known are {known}", self.title()))
+    }
+
+    /// A property by name, marked as used.
+    pub(super) fn get(&self, name: &str) -> Option<&'a Property> {
+        let property = self.object.properties.iter().find(|p| p.name == name)?;
+        property.used.set(true);
+        Some(property)
+    }
+
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.object.properties.iter().any(|p| p.name == name)
+    }
+
+    /// Where a property stands, or else its object.
+    pub(super) fn pos(&self, name: &str) -> Pos {
+        self.object.properties.iter().find(|p| p.name == name).map_or(self.object.pos, |p| p.pos)
+    }
+
+    /// An error at a property.
+    pub(super) fn error_at(&self, name: &str, message: impl Into<String>) -> crate::Error {
+        self.tree.error(self.pos(name), message)
+    }
+
+    fn wrong_type(&self, p: &Property, wanted: &str) -> crate::Error {
+        let message =
+            format!("{}: parameter '{}' should be of type {wanted}, not {}", self.title(), p.name, p.value.kind());
+        self.tree.error(p.pos, message)
+    }
+
+    pub(super) fn opt_float(&self, name: &str) -> Result<Option<f32>> {
+        match self.get(name) {
+            None => Ok(None),
+            Some(Property { value: Value::Float(v), .. }) => Ok(Some(*v as f32)),
+            Some(Property { value: Value::Integer(v), .. }) => Ok(Some(*v as f32)),
+            Some(p) => Err(self.wrong_type(p, "float")),
+        }
+    }
+
+    pub(super) fn float(&self, name: &str, default: f32) -> Result<f32> {
+        Ok(self.opt_float(name)?.unwrap_or(default))
+    }
+
+    pub(super) fn opt_integer(&self, name: &str) -> Result<Option<i64>> {
+        match self.get(name) {
+            None => Ok(None),
+            Some(Property { value: Value::Integer(v), .. }) => Ok(Some(*v)),
+            Some(p) => Err(self.wrong_type(p, "integer")),
+        }
+    }
+
+    /// An integer in `range`.
+    pub(super) fn count(&self, name: &str, default: u32, range: std::ops::RangeInclusive<u32>) -> Result<u32> {
+        let Some(value) = self.opt_integer(name)? else { return Ok(default) };
+        u32::try_from(value).ok().filter(|v| range.contains(v)).ok_or_else(|| {
+            let message = format!("'{name}' is {value}, but must lie in {}..{}", range.start(), range.end());
+            self.error_at(name, message)
+        })
+    }
+
+    pub(super) fn boolean(&self, name: &str, default: bool) -> Result<bool> {
+        match self.get(name) {
+            None => Ok(default),
+            Some(Property { value: Value::Boolean(v), .. }) => Ok(*v),
+            Some(p) => Err(self.wrong_type(p, "boolean")),
+        }
+    }
+
+    pub(super) fn opt_string(&self, name: &str) -> Result<Option<&'a str>> {
+        match self.get(name) {
+            None => Ok(None),
+            Some(Property { value: Value::String(v), .. }) => Ok(Some(v)),
+            Some(p) => Err(self.wrong_type(p, "string")),
+        }
+    }
+
+    /// One of the given words, lower case.
+    pub(super) fn choice<T: Copy>(&self, name: &str, default: T, choices: &[(&str, T)]) -> Result<T> {
+        let Some(word) = self.opt_string(name)? else { return Ok(default) };
+        choices.iter().find(|(w, _)| w.eq_ignore_ascii_case(word)).map(|(_, v)| *v).ok_or_else(|| {
+            let words: Vec<_> = choices.iter().map(|(w, _)| *w).collect();
+            self.error_at(name, format!("'{name}' is '{word}', but must be one of {}", words.join(", ")))
+        })
+    }
+
+    pub(super) fn opt_vector(&self, name: &str) -> Result<Option<DVec3>> {
+        match self.get(name) {
+            None => Ok(None),
+            Some(Property { value: Value::Vector(v), .. }) => Ok(Some(*v)),
+            Some(p) => Err(self.wrong_type(p, "point or vector")),
+        }
+    }
+
+    pub(super) fn matrix(&self, name: &str) -> Result<DMat4> {
+        match self.get(name) {
+            None => Ok(DMat4::IDENTITY),
+            Some(Property { value: Value::Transform(v), .. }) => Ok(*v),
+            Some(p) => Err(self.wrong_type(p, "transform")),
+        }
+    }
+
+    /// An affine, invertible transform, as such and in double precision.
+    pub(super) fn to_world(&self) -> Result<DAffine3> {
+        let m = self.matrix("to_world")?;
+        let bottom = m.row(3);
+        if bottom != glam::DVec4::W {
+            return Err(self.error_at("to_world", "'to_world' must be affine (bottom row 0 0 0 1)"));
+        }
+        self.invertible("to_world", DAffine3::from_mat4(m))
+    }
+
+    pub(super) fn invertible(&self, name: &str, m: DAffine3) -> Result<DAffine3> {
+        let det = m.matrix3.determinant();
+        if det != 0.0 && det.is_finite() && m.inverse().is_finite() && to_f32(m).is_finite() {
+            return Ok(m);
+        }
+        Err(self.error_at(name, format!("the transform of {} is singular or overflows", self.title())))
+    }
+
+    /// Child objects without a name, and references, in order, marked as used.
+    pub(super) fn children(&self) -> Result<Vec<(Props<'a>, Pos)>> {
+        let mut children = Vec::new();
+        for property in &self.object.properties {
+            if let Some(index) = self.object_of(property)? {
+                // Named objects are parameters, except that a name changes nothing for these.
+                let tag = &self.tree.objects[index].tag;
+                if property.name.is_empty() || !matches!(tag.as_str(), "texture" | "volume" | "medium") {
+                    property.used.set(true);
+                    children.push((Props::new(self.tree, index), property.pos));
+                }
+            }
+        }
+        Ok(children)
+    }
+
+    /// The object that a property is or refers to.
+    pub(super) fn object_of(&self, property: &Property) -> Result<Option<usize>> {
+        match &property.value {
+            Value::Object(index) => Ok(Some(*index)),
+            Value::Reference(id) => match self.tree.ids.get(id) {
+                Some(index) => Ok(Some(*index)),
+                None => Err(self.tree.error(property.pos, format!("nothing has the id '{id}'"))),
+            },
+            _ => Ok(None),
+        }
+    }
+
+    /// Properties that nobody asked for.
+    pub(super) fn unused(&self) -> impl Iterator<Item = &'a Property> {
+        self.object.properties.iter().filter(|p| !p.used.get())
+    }
+
+    /// # Errors
+    /// If the object has a property that nobody asked for.
+    pub(super) fn finish(self) -> Result<()> {
+        match self.unused().next() {
+            None => Ok(()),
+            Some(p) => {
+                let name = match (&p.value, p.name.as_str()) {
+                    (Value::Object(i), "") => format!("child <{}>", self.tree.objects[*i].tag),
+                    (_, name) => format!("parameter '{name}'"),
+                };
+                Err(self.tree.error(p.pos, format!("{} does not know the {name}", self.title())))
+            }
+        }
+    }
+}
+
+/// To single precision.
+pub(super) fn to_f32(m: DAffine3) -> Affine3A {
+    Affine3A::from_mat4(Mat4::from_cols_array(&DMat4::from(m).to_cols_array().map(|x| x as f32)))
+}
+
+/// To single precision.
+pub(super) fn vec3(v: DVec3) -> Vec3 {
+    v.as_vec3()
+}

@@ -1,0 +1,144 @@
+//! Shapes, with their materials and area lights. Mesh files are read in parallel once all shapes are known.
+
+use super::Loader;
+use super::props::{Props, to_f32};
+use super::xml::Pos;
+use crate::light::Light;
+use crate::scene::material::Material;
+use crate::scene::place::{Placement, place};
+use crate::scene::{obj, ply, serialized};
+use crate::shape::{Cylinder, Disk, Mesh, Shape, Sphere};
+use crate::texture::Color;
+use crate::{Error, Result};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::path::PathBuf;
+
+/// A shape, or what it takes to read it.
+pub(super) enum Job {
+    Ready(Shape),
+    File { format: Format, path: PathBuf, placement: Placement },
+}
+
+pub(super) enum Format {
+    Obj { flip_v: bool },
+    Ply { flip_v: bool },
+    Serialized { index: u32 },
+}
+
+/// Reads all mesh files. The first error in scene order counts, whatever thread finds it.
+pub(super) fn build(jobs: Vec<Job>) -> Result<Vec<Shape>> {
+    let shapes: Vec<Result<Shape>> = jobs
+        .into_par_iter()
+        .map(|job| match job {
+            Job::Ready(shape) => Ok(shape),
+            Job::File { format, path, placement } => {
+                let mesh = match format {
+                    Format::Obj { flip_v } => obj::Obj::read(&path, flip_v)?.mesh(),
+                    Format::Ply { flip_v } => ply::read(&path, flip_v)?,
+                    Format::Serialized { index } => serialized::read(&path, index)?,
+                };
+                if mesh.triangles.is_empty() {
+                    return Err(Error::File { file: path, message: "the mesh has no triangles".into() });
+                }
+                match place(mesh, &placement) {
+                    Ok(mesh) => Ok(Shape::Mesh(mesh)),
+                    Err(message) => Err(Error::File { file: path, message }),
+                }
+            }
+        })
+        .collect();
+    shapes.into_iter().collect()
+}
+
+impl<'a> Loader<'a> {
+    pub(super) fn shape(&mut self, props: Props<'a>) -> Result<()> {
+        let job = self.geometry(props)?;
+        let index = self.jobs.len() as u32;
+        let (mut material, mut light) = (None, None);
+        for name in ["interior", "exterior"] {
+            if props.has(name) {
+                return Err(props.error_at(name, "participating media are not supported"));
+            }
+        }
+        let twice = |pos: Pos, what: &str| self.tree.error(pos, format!("a shape has only one {what}"));
+        for (child, pos) in props.children()? {
+            match child.object.tag.as_str() {
+                "bsdf" if material.is_some() => return Err(twice(pos, "bsdf")),
+                "bsdf" => material = Some(child),
+                "emitter" if light.is_some() => return Err(twice(pos, "emitter")),
+                "emitter" => light = Some(child),
+                tag => return Err(self.tree.error(pos, format!("a <{tag}> inside a shape is not supported"))),
+            }
+        }
+        let material = match material {
+            Some(bsdf) => self.material(bsdf)?,
+            None => self.default_material(),
+        };
+        if let Some(emitter) = light {
+            let radiance = self.area_radiance(emitter)?;
+            self.lights.push(Light::Area { shape: index, radiance });
+        }
+        // How Mitsuba differentiates silhouettes.
+        props.opt_float("silhouette_sampling_weight")?;
+        props.finish()?;
+        self.jobs.push(job);
+        self.shape_material.push(material);
+        Ok(())
+    }
+
+    /// Mitsuba's grey diffuse default, made once.
+    fn default_material(&mut self) -> u32 {
+        // No object has this index.
+        *self.material_of.entry(usize::MAX).or_insert_with(|| {
+            self.materials.push(Material::Diffuse { reflectance: Color::Constant(crate::math::Rgb::splat(0.5)) });
+            self.materials.len() as u32 - 1
+        })
+    }
+
+    fn geometry(&mut self, props: Props<'a>) -> Result<Job> {
+        let matrix = props.to_world()?;
+        let to_world = to_f32(matrix);
+        let flip_normals = props.boolean("flip_normals", false)?;
+        let fail = |message| props.error(message);
+        let file = |loader: &Self, format| -> Result<Job> {
+            let face_normals = props.boolean("face_normals", false)?;
+            let path = loader.filename(props)?;
+            Ok(Job::File { format, path, placement: Placement { to_world: matrix, flip_normals, face_normals } })
+        };
+        let vec3 = |name, default: DVec3| -> Result<glam::Vec3> {
+            Ok(props.opt_vector(name)?.unwrap_or(default).as_vec3())
+        };
+        let flat = |mut mesh: Mesh| -> Result<Job> {
+            props.boolean("face_normals", false)?;
+            if flip_normals {
+                mesh.flip();
+            }
+            Ok(Job::Ready(Shape::Mesh(mesh)))
+        };
+        match props.plugin() {
+            "obj" => file(self, Format::Obj { flip_v: props.boolean("flip_tex_coords", true)? }),
+            "ply" => file(self, Format::Ply { flip_v: props.boolean("flip_tex_coords", false)? }),
+            "serialized" => {
+                let index = props.count("shape_index", 0, 0..=u32::MAX)?;
+                file(self, Format::Serialized { index })
+            }
+            "rectangle" => flat(Mesh::rectangle(to_world)),
+            "cube" => flat(Mesh::cube(to_world)),
+            "disk" => {
+                Disk::new(to_world, flip_normals).map(|s| Job::Ready(Shape::Disk(s))).map_err(fail)
+            }
+            "sphere" => {
+                let (center, radius) = (vec3("center", DVec3::ZERO)?, props.float("radius", 1.0)?);
+                let sphere = Sphere::new(center, radius, to_world, flip_normals);
+                sphere.map(|s| Job::Ready(Shape::Sphere(s))).map_err(fail)
+            }
+            "cylinder" => {
+                let (p0, p1) = (vec3("p0", DVec3::ZERO)?, vec3("p1", DVec3::Z)?);
+                let cylinder = Cylinder::new(p0, p1, props.float("radius", 1.0)?, to_world, flip_normals);
+                cylinder.map(|s| Job::Ready(Shape::Cylinder(s))).map_err(fail)
+            }
+            _ => Err(props.unknown_plugin("obj, ply, serialized, sphere, rectangle, disk, cube, cylinder")),
+        }
+    }
+}

@@ -1,0 +1,260 @@
+//! Textures, spectra, and parameters that may be either.
+
+use super::Loader;
+use super::props::Props;
+use super::xml::{Property, Value, tokens};
+use crate::Result;
+use crate::image_io;
+use crate::math::Rgb;
+use crate::scene::spectrum::{Role, Spectrum};
+use crate::texture::{Bitmap, Color, Interpolation, Scalar, Texture, Wrap};
+use glam::{Affine2, Vec2};
+
+/// How a texture object is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Use {
+    Color,
+    Scalar,
+}
+
+impl<'a> Loader<'a> {
+    /// A colour parameter. Floats and integers mean grey.
+    pub(super) fn color(&mut self, props: Props<'a>, name: &str, role: Role, default: Rgb) -> Result<Color> {
+        let Some(property) = props.get(name) else { return Ok(Color::Constant(default)) };
+        if let Some(index) = props.object_of(property)? {
+            let object = Props::new(self.tree, index);
+            return self.nested(object, |loader| loader.texture(object, property, role, Use::Color));
+        }
+        match self.constant(property, role)? {
+            Some(rgb) => Ok(Color::Constant(rgb)),
+            None => Err(self.not_a_color(props, property)),
+        }
+    }
+
+    /// A colour parameter that cannot be textured.
+    pub(super) fn constant_color(
+        &mut self,
+        props: Props<'a>,
+        name: &str,
+        role: Role,
+        default: Rgb,
+    ) -> Result<Rgb> {
+        match self.color(props, name, role, default)? {
+            Color::Constant(rgb) => Ok(rgb),
+            Color::Texture(_) => Err(props.error_at(name, format!("'{name}' cannot be a texture"))),
+        }
+    }
+
+    /// A number that may be textured.
+    pub(super) fn scalar(&mut self, props: Props<'a>, name: &str, default: f32) -> Result<Scalar> {
+        let Some(property) = props.get(name) else { return Ok(Scalar::Constant(default)) };
+        if let Some(index) = props.object_of(property)? {
+            let object = Props::new(self.tree, index);
+            let color =
+                self.nested(object, |loader| loader.texture(object, property, Role::Unbounded, Use::Scalar))?;
+            return Ok(match color {
+                Color::Constant(rgb) => Scalar::Constant(crate::math::luminance(rgb)),
+                Color::Texture(index) => Scalar::Texture(index),
+            });
+        }
+        match self.constant(property, Role::Unbounded)? {
+            Some(rgb) => Ok(Scalar::Constant(crate::math::luminance(rgb))),
+            None => Err(self.not_a_color(props, property)),
+        }
+    }
+
+    fn not_a_color(&self, props: Props, property: &Property) -> crate::Error {
+        let Property { name, value, pos, .. } = property;
+        let message = format!(
+            "{}: parameter '{name}' should be a colour, a spectrum, a number or a texture, not {}",
+            props.title(),
+            value.kind()
+        );
+        self.tree.error(*pos, message)
+    }
+
+    /// The colour of a property that is no object; `None` if it is no colour at all.
+    fn constant(&mut self, property: &Property, role: Role) -> Result<Option<Rgb>> {
+        let rgb = match &property.value {
+            Value::Float(v) => Rgb::splat(*v as f32),
+            Value::Integer(v) => Rgb::splat(*v as f32),
+            Value::Rgb(v) => {
+                let inside = v.min_element() >= 0.0 && v.max_element() <= 1.0;
+                if role == Role::Reflectance && !inside {
+                    let message = format!("the reflectance '{}' is {v}, outside of 0..1", property.name);
+                    return Err(self.tree.error(property.pos, message));
+                }
+                v.as_vec3()
+            }
+            Value::Spectrum(spectrum) => self.spectrum(property, spectrum, role),
+            _ => return Ok(None),
+        };
+        if !rgb.is_finite() {
+            return Err(self.tree.error(property.pos, format!("'{}' is out of range", property.name)));
+        }
+        if rgb.min_element() < 0.0 {
+            return Err(self.tree.error(property.pos, format!("'{}' is negative", property.name)));
+        }
+        Ok(Some(rgb))
+    }
+
+    fn spectrum(&mut self, property: &Property, spectrum: &Spectrum, role: Role) -> Rgb {
+        let (rgb, clamped) = spectrum.to_rgb(role);
+        if clamped {
+            let message = format!("the spectrum '{}' is outside of the sRGB gamut: clamped to {rgb}", property.name);
+            self.warn_at(property.pos, &message);
+        }
+        rgb
+    }
+
+    /// A texture object, or a spectrum object, which is a constant.
+    fn texture(&mut self, props: Props<'a>, asker: &Property, role: Role, usage: Use) -> Result<Color> {
+        if props.object.tag != "texture" {
+            let message = format!("'{}' should be a texture, not a <{}>", asker.name, props.object.tag);
+            return Err(self.tree.error(asker.pos, message));
+        }
+        if let Some(index) = self.texture_of.get(&(props.index, usage)) {
+            return Ok(Color::Texture(*index));
+        }
+        let texture = match props.plugin() {
+            "bitmap" => self.bitmap(props)?,
+            "checkerboard" => self.checkerboard(props, role, usage)?,
+            _ => return self.spectrum_object(props, asker, role).map(Color::Constant),
+        };
+        props.finish()?;
+        let index = self.textures.len() as u32;
+        self.textures.push(texture);
+        self.texture_of.insert((props.index, usage), index);
+        Ok(Color::Texture(index))
+    }
+
+    fn bitmap(&mut self, props: Props<'a>) -> Result<Texture> {
+        let to_uv = to_uv(props)?;
+        let raw = props.boolean("raw", false)?;
+        let interpolation = props.choice(
+            "filter_type",
+            Interpolation::Bilinear,
+            &[("bilinear", Interpolation::Bilinear), ("nearest", Interpolation::Nearest)],
+        )?;
+        let wraps = [("repeat", Wrap::Repeat), ("mirror", Wrap::Mirror), ("clamp", Wrap::Clamp)];
+        let wrap = props.choice("wrap_mode", Wrap::Repeat, &wraps)?;
+        // Storage formats of Mitsuba.
+        props.opt_string("format")?;
+        props.boolean("accel", true)?;
+        let path = self.filename(props)?;
+        let image = image_io::read_encoded(&path, !raw)?;
+        let bitmap = Bitmap::new(image, interpolation, wrap, to_uv);
+        bitmap.map(Texture::Bitmap).map_err(|message| crate::Error::File { file: path, message })
+    }
+
+    fn checkerboard(&mut self, props: Props<'a>, role: Role, usage: Use) -> Result<Texture> {
+        let mut color = |name, default| self.constant_color(props, name, role, Rgb::splat(default));
+        let (mut color0, mut color1) = (color("color0", 0.4)?, color("color1", 0.2)?);
+        if usage == Use::Scalar {
+            // Mitsuba 3 (to 3.9 at least) swaps the squares where it reads a checkerboard as a number.
+            std::mem::swap(&mut color0, &mut color1);
+        }
+        Ok(Texture::Checkerboard { color0, color1, to_uv: to_uv(props)? })
+    }
+
+    /// `d65`, `blackbody` and the other spectrum plugins.
+    fn spectrum_object(&mut self, props: Props<'a>, asker: &Property, role: Role) -> Result<Rgb> {
+        let fail = |message: String| props.error(message);
+        let list = |name: &str| -> Result<Vec<f64>> {
+            let text = props.opt_string(name)?.ok_or_else(|| props.error(format!("'{name}' is missing")))?;
+            let number = |t: &str| t.parse::<f64>().ok().filter(|v| v.is_finite());
+            let numbers = tokens(text).map(number).collect::<Option<Vec<_>>>();
+            numbers.ok_or_else(|| props.error_at(name, format!("'{name}' should be a list of numbers")))
+        };
+        let need = |name: &str| -> Result<f64> {
+            let value = props.opt_float(name)?;
+            value.map(|v| v as f64).ok_or_else(|| props.error(format!("'{name}' is missing")))
+        };
+        let spectrum = match props.plugin() {
+            // In RGB the illuminant is the white point.
+            "d65" => {
+                let scale = props.float("scale", 1.0)?;
+                let color = self.constant_color(props, "color", Role::Unbounded, Rgb::ONE)?;
+                let mut nested = Rgb::ONE;
+                for property in props.unused() {
+                    let Some(index) = props.object_of(property)? else { continue };
+                    property.used.set(true);
+                    let inner = Props::new(self.tree, index);
+                    let color = self.nested(inner, |l| l.texture(inner, property, Role::Unbounded, Use::Color))?;
+                    match color {
+                        Color::Constant(rgb) => nested = rgb,
+                        Color::Texture(_) => {
+                            return Err(fail("a d65 spectrum with a texture inside is not supported".into()));
+                        }
+                    }
+                }
+                props.finish()?;
+                return Ok(scale * color * nested);
+            }
+            "uniform" | "rawconstant" => {
+                let value = need("value")?;
+                (props.opt_float("wavelength_min")?, props.opt_float("wavelength_max")?);
+                props.finish()?;
+                return Ok(Rgb::splat(value as f32));
+            }
+            "srgb" => {
+                props.boolean("unbounded", false)?;
+                let rgb = self.constant_color(props, "color", role, Rgb::ONE)?;
+                props.finish()?;
+                return Ok(rgb);
+            }
+            "blackbody" => {
+                let (kelvin, scale) = (need("temperature")?, props.float("scale", 1.0)?);
+                (props.opt_float("wavelength_min")?, props.opt_float("wavelength_max")?);
+                Spectrum::blackbody(kelvin, scale as f64)
+            }
+            "regular" | "irregular" if props.has("value") => match &props.get("value").map(|p| &p.value) {
+                Some(Value::Spectrum(spectrum)) => Ok(spectrum.clone()),
+                _ => Err("'value' should be a spectrum".into()),
+            },
+            "regular" => {
+                let (values, from, to) = (list("values")?, need("wavelength_min")?, need("wavelength_max")?);
+                let step = (to - from) / (values.len().max(2) - 1) as f64;
+                Spectrum::samples(values.iter().enumerate().map(|(i, v)| (from + step * i as f64, *v)).collect())
+            }
+            "irregular" => {
+                let (wavelengths, values) = (list("wavelengths")?, list("values")?);
+                if wavelengths.len() != values.len() {
+                    return Err(fail(format!("{} wavelengths have {} values", wavelengths.len(), values.len())));
+                }
+                Spectrum::samples(wavelengths.into_iter().zip(values).collect())
+            }
+            _ => {
+                return Err(props.unknown_plugin(
+                    "bitmap, checkerboard; d65, blackbody, uniform, regular, irregular, srgb",
+                ));
+            }
+        };
+        let spectrum = spectrum.map_err(fail)?;
+        props.finish()?;
+        Ok(self.spectrum(asker, &spectrum, role))
+    }
+
+    /// The file that the parameter `filename` names.
+    pub(super) fn filename(&self, props: Props) -> Result<std::path::PathBuf> {
+        match props.opt_string("filename")? {
+            Some(name) => self.tree.resolve(name, props.pos("filename")),
+            None => Err(props.error(format!("{} lacks the parameter 'filename'", props.title()))),
+        }
+    }
+}
+
+/// The transform of texture coordinates: x and y of a 3D transform, as in Mitsuba (which therefore ignores the third
+/// column of a 3×3 `<matrix>`).
+fn to_uv(props: Props) -> Result<Affine2> {
+    let m = props.matrix("to_uv")?;
+    let column = |i: usize| m.col(i).as_vec4();
+    let affine = |x: glam::Vec4, y: glam::Vec4, t: glam::Vec4| {
+        Affine2::from_cols(Vec2::new(x.x, x.y), Vec2::new(y.x, y.y), Vec2::new(t.x, t.y))
+    };
+    let to_uv = affine(column(0), column(1), column(3));
+    if !to_uv.is_finite() {
+        return Err(props.error_at("to_uv", "'to_uv' is out of range"));
+    }
+    Ok(to_uv)
+}

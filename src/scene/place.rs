@@ -1,0 +1,189 @@
+//! What every mesh goes through after its file is read: checks, transform, normals, orientation.
+
+use crate::shape::Mesh;
+use glam::{DAffine3, Vec3};
+
+/// How a scene places a mesh.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Placement {
+    pub to_world: DAffine3,
+    /// Turn the surface around.
+    pub flip_normals: bool,
+    /// No vertex normals, whatever the file holds.
+    pub face_normals: bool,
+}
+
+impl Placement {
+    /// As the file has it.
+    pub(super) const IDENTITY: Placement =
+        Placement { to_world: DAffine3::IDENTITY, flip_normals: false, face_normals: false };
+}
+
+/// Brings a mesh from its file to the scene. As in Mitsuba, a mesh without normals gets smooth ones unless
+/// `face_normals` forbids it.
+///
+/// # Errors
+/// If an index or a coordinate is unusable.
+pub(super) fn place(mut mesh: Mesh, placement: &Placement) -> Result<Mesh, String> {
+    let count = mesh.positions.len();
+    for (i, triangle) in mesh.triangles.iter().enumerate() {
+        if let Some(index) = triangle.iter().find(|&&index| index as usize >= count) {
+            return Err(format!("triangle {i} names vertex {index}, but there are only {count}"));
+        }
+    }
+    for (values, what) in [(mesh.normals.len(), "normals"), (mesh.uvs.len(), "texture coordinates")] {
+        if values != 0 && values != count {
+            return Err(format!("{count} vertices have {values} {what}"));
+        }
+    }
+    if placement.to_world != DAffine3::IDENTITY {
+        for p in &mut mesh.positions {
+            *p = placement.to_world.transform_point3(p.as_dvec3()).as_vec3();
+        }
+    }
+    if let Some(i) = mesh.positions.iter().position(|p| !p.is_finite()) {
+        return Err(format!("vertex {i} is not finite"));
+    }
+    if placement.face_normals {
+        mesh.normals = Vec::new();
+    } else if mesh.normals.is_empty() {
+        mesh.normals = smooth_normals(&mesh);
+    } else {
+        let to_world = placement.to_world.matrix3.inverse().transpose();
+        for n in &mut mesh.normals {
+            *n = (to_world * n.as_dvec3()).as_vec3();
+        }
+        normalize_normals(&mut mesh);
+        // A mirroring transform turns the winding around, but not the normals that the file gives.
+        if placement.to_world.matrix3.determinant() < 0.0 {
+            swap_winding(&mut mesh);
+        }
+    }
+    if placement.flip_normals {
+        swap_winding(&mut mesh);
+        mesh.normals.iter_mut().for_each(|n| *n = -*n);
+    }
+    if is_faceted(&mesh) {
+        mesh.normals = Vec::new();
+    }
+    Ok(mesh)
+}
+
+fn swap_winding(mesh: &mut Mesh) {
+    mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+}
+
+/// Normals of adjacent triangles weighted by their angles at the vertex (Thürmer & Wüthrich 1998, "Computing Vertex
+/// Normals from Polygonal Facets").
+fn smooth_normals(mesh: &Mesh) -> Vec<Vec3> {
+    let mut normals = vec![Vec3::ZERO; mesh.positions.len()];
+    for triangle in &mesh.triangles {
+        let p = triangle.map(|i| mesh.positions[i as usize]);
+        let Some(n) = (p[1] - p[0]).cross(p[2] - p[0]).try_normalize() else { continue };
+        for k in 0..3 {
+            let (a, b) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
+            normals[triangle[k] as usize] += n * a.angle_between(b);
+        }
+    }
+    for n in &mut normals {
+        *n = n.try_normalize().unwrap_or(Vec3::Z);
+    }
+    normals
+}
+
+/// Unit length for all normals; those that cannot be normalised are replaced by smooth ones.
+fn normalize_normals(mesh: &mut Mesh) {
+    let mut usable = true;
+    for n in &mut mesh.normals {
+        *n = n.try_normalize().unwrap_or(Vec3::ZERO);
+        usable &= *n != Vec3::ZERO;
+    }
+    if !usable {
+        let smooth = smooth_normals(mesh);
+        for (n, s) in mesh.normals.iter_mut().zip(smooth) {
+            if *n == Vec3::ZERO {
+                *n = s;
+            }
+        }
+    }
+}
+
+/// Whether the vertex normals equal the triangles' own but for rounding, so that interpolating them is wasted.
+fn is_faceted(mesh: &Mesh) -> bool {
+    mesh.normals.is_empty()
+        || mesh.triangles.iter().enumerate().all(|(i, triangle)| {
+            let Some(n) = mesh.area_vector(i as u32).try_normalize() else { return true };
+            triangle.iter().all(|&v| mesh.normals[v as usize].distance_squared(n) < 1e-12)
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DVec3, Vec2};
+
+    fn folded() -> Mesh {
+        Mesh {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.5), Vec3::Y],
+            normals: vec![],
+            uvs: vec![],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+        }
+    }
+
+    /// Expected values from Mitsuba 3.9.1.
+    #[test]
+    fn smooth_normals_are_those_of_mitsuba() {
+        let mesh = place(folded(), &Placement::IDENTITY).unwrap();
+        let expected = [
+            Vec3::new(-0.2357, -0.2357, 0.9428),
+            Vec3::new(0.0, -0.4472, 0.8944),
+            Vec3::new(-0.2357, -0.2357, 0.9428),
+            Vec3::new(-0.4472, 0.0, 0.8944),
+        ];
+        for (n, e) in mesh.normals.iter().zip(expected) {
+            assert!(n.distance(e) < 1e-4, "{n} {e}");
+        }
+    }
+
+    #[test]
+    fn flat_meshes_lose_their_normals() {
+        let mut mesh = folded();
+        mesh.positions[2].z = 0.0;
+        assert!(place(mesh, &Placement::IDENTITY).unwrap().normals.is_empty());
+        let faceted = Placement { face_normals: true, ..Placement::IDENTITY };
+        assert!(place(folded(), &faceted).unwrap().normals.is_empty());
+    }
+
+    /// Normals follow the inverse transpose, and the geometric normal stays on their side under any transform.
+    #[test]
+    fn orientation_follows_given_normals() {
+        let bent = Mesh { normals: vec![Vec3::new(0.1, -0.1, 1.0).normalize(); 4], ..folded() };
+        for scale in [DVec3::new(1.0, 2.0, 3.0), DVec3::new(1.0, 2.0, -3.0), DVec3::new(-1.0, -1.0, -1.0)] {
+            for flip_normals in [false, true] {
+                let placement =
+                    Placement { to_world: DAffine3::from_scale(scale), flip_normals, face_normals: false };
+                let mesh = place(bent.clone(), &placement).unwrap();
+                let n = mesh.normals[0];
+                assert!(mesh.area_vector(0).dot(n) > 0.0, "{scale} {flip_normals}");
+                let expected = (DVec3::new(0.1, -0.1, 1.0) / scale).normalize().as_vec3();
+                let expected = if flip_normals { -expected } else { expected };
+                assert!(n.distance(expected) < 1e-6, "{scale}: {n} is not {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        let mut mesh = folded();
+        mesh.triangles[1][2] = 4;
+        assert!(place(mesh, &Placement::IDENTITY).is_err());
+        let mut mesh = folded();
+        mesh.positions[1].y = f32::NAN;
+        assert!(place(mesh, &Placement::IDENTITY).is_err());
+        let mesh = Mesh { uvs: vec![Vec2::ZERO], ..folded() };
+        assert!(place(mesh, &Placement::IDENTITY).is_err());
+        let huge = Placement { to_world: DAffine3::from_scale(DVec3::splat(1e39)), ..Placement::IDENTITY };
+        assert!(place(folded(), &huge).is_err());
+    }
+}
