@@ -13,7 +13,7 @@ mod serialized;
 mod spectrum;
 
 pub use load::load;
-pub use material::Material;
+pub use material::{Material, Roughness};
 
 use crate::accel::{self, Backend, Intersector};
 use crate::bsdf::Bsdf;
@@ -189,7 +189,7 @@ impl Scene {
             n_g: point.n_g,
             frame,
             uv: point.uv,
-            bsdf: material.bsdf(&self.textures, point.uv),
+            bsdf: material.bsdf(&self.textures, point.uv, ray.d.dot(frame.n) < 0.0),
             light: self.shape_light[hit.shape as usize],
             shape: hit.shape,
             magnitude: point.magnitude,

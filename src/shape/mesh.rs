@@ -1,7 +1,7 @@
 //! Triangle meshes.
 
 use super::{Bounds, SurfacePoint};
-use glam::{Vec2, Vec3};
+use glam::{Affine3A, DVec3, Vec2, Vec3};
 
 /// Indexed triangles in world space. Flipped meshes are stored flipped (winding and normals), so no flag remains.
 #[derive(Clone, Debug, Default)]
@@ -27,16 +27,67 @@ impl Mesh {
         self.triangles.iter().flatten().fold(Bounds::EMPTY, |b, &i| b.grow(self.positions[i as usize]))
     }
 
+    /// The square [-1,1]² of the xy plane with normal +z and texture coordinates 0..1, transformed. The normal goes
+    /// with the transform as normals do: a mirror transform within the plane leaves it on its side.
+    pub fn rectangle(to_world: Affine3A) -> Mesh {
+        let mut mesh = Mesh::default();
+        mesh.add_square(&to_world, [Vec3::ZERO, Vec3::X, Vec3::Y]);
+        mesh
+    }
+
+    /// The faceted cube [-1,1]³, transformed; texture coordinates 0..1 on every face, laid out as in Mitsuba 3.
+    pub fn cube(to_world: Affine3A) -> Mesh {
+        // Texture coordinates are mirrored seen from outside, so the squares face inwards at first.
+        const FACES: [[Vec3; 3]; 6] = [
+            [Vec3::NEG_Y, Vec3::Z, Vec3::X],
+            [Vec3::Y, Vec3::NEG_X, Vec3::NEG_Z],
+            [Vec3::X, Vec3::Y, Vec3::NEG_Z],
+            [Vec3::Z, Vec3::Y, Vec3::X],
+            [Vec3::NEG_X, Vec3::Y, Vec3::Z],
+            [Vec3::NEG_Z, Vec3::NEG_Y, Vec3::X],
+        ];
+        let mut mesh = Mesh::default();
+        for face in FACES {
+            mesh.add_square(&to_world, face);
+        }
+        mesh.flip();
+        mesh
+    }
+
+    /// Adds a square by its centre and the half edges along which u and v grow, with normal u × v before the
+    /// transform.
+    fn add_square(&mut self, to_world: &Affine3A, [center, u, v]: [Vec3; 3]) {
+        let base = self.positions.len() as u32;
+        for (s, t) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+            self.positions.push(to_world.transform_point3(center + u * s + v * t));
+            self.uvs.push(Vec2::new(0.5 + 0.5 * s, 0.5 + 0.5 * t));
+        }
+        // A mirror transform reverses the winding, hence the normal it stands for.
+        let mirrored = to_world.matrix3.determinant() < 0.0;
+        for [i, j, k] in [[0, 1, 2], [0, 2, 3]] {
+            let [j, k] = if mirrored { [k, j] } else { [j, k] };
+            self.triangles.push([base + i, base + j, base + k]);
+        }
+    }
+
+    /// Turns the surface inside out: reverses the winding and the normals.
+    pub fn flip(&mut self) {
+        for t in &mut self.triangles {
+            t.swap(1, 2);
+        }
+        for n in &mut self.normals {
+            *n = -*n;
+        }
+    }
+
     /// The cross product of a triangle's edges: twice its area long.
     pub fn area_vector(&self, triangle: u32) -> Vec3 {
-        let [a, b, c] = self.vertices(triangle);
-        (b - a).cross(c - a)
+        cross(self.vertices(triangle)).as_vec3()
     }
 
     /// Sum of the triangles' areas.
     pub fn area(&self) -> f32 {
-        (0..self.triangles.len() as u32).map(|t| 0.5 * self.area_vector(t).length() as f64).sum::<f64>()
-            as f32
+        (0..self.triangles.len() as u32).map(|t| 0.5 * cross(self.vertices(t)).length()).sum::<f64>() as f32
     }
 
     /// The point with barycentric weights (1−u−v, u, v). A triangle of no area has the normal z.
@@ -44,7 +95,7 @@ impl Mesh {
         let [i, j, k] = self.triangles[triangle as usize].map(|i| i as usize);
         let (a, b, c) = (self.positions[i], self.positions[j], self.positions[k]);
         let w = 1.0 - u - v;
-        let n_g = (b - a).cross(c - a).try_normalize().unwrap_or(Vec3::Z);
+        let n_g = cross([a, b, c]).try_normalize().unwrap_or(DVec3::Z).as_vec3();
         let n_s = match self.normals.get(..) {
             Some([]) | None => n_g,
             Some(n) => (n[i] * w + n[j] * u + n[k] * v).try_normalize().unwrap_or(n_g),
@@ -54,7 +105,8 @@ impl Mesh {
             Some(t) => t[i] * w + t[j] * u + t[k] * v,
         };
         let magnitude = a.abs().max(b.abs()).max(c.abs()).max_element();
-        SurfacePoint { p: a * w + b * u + c * v, magnitude, n_g, n_s, uv }
+        // From the edges, not the weighted vertices: the weights' rounding then stays within the plane.
+        SurfacePoint { p: a + ((b - a) * u + (c - a) * v), magnitude, n_g, n_s, uv }
     }
 
     /// ∂p/∂u of a triangle; the zero vector where the texture coordinates are degenerate.
@@ -69,4 +121,11 @@ impl Mesh {
         let det = d1.perp_dot(d2);
         if det == 0.0 { Vec3::ZERO } else { (e1 * d2.y - e2 * d1.y) / det }
     }
+}
+
+/// The cross product of a triangle's edges. In f64, because the normal of a sliver drowns in rounding otherwise, and
+/// rays that leave it at grazing angles would start on the wrong side.
+fn cross([a, b, c]: [Vec3; 3]) -> DVec3 {
+    let a = a.as_dvec3();
+    (b.as_dvec3() - a).cross(c.as_dvec3() - a)
 }

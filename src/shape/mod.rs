@@ -1,12 +1,18 @@
 //! Geometry alone: triangle meshes and analytic quadrics in world space. Backends intersect it, lights sample it,
 //! the scene derives shading data from it; it knows none of them.
 
+mod cylinder;
+mod disk;
 mod mesh;
+mod sphere;
 
+pub use cylinder::Cylinder;
+pub use disk::Disk;
 pub use mesh::Mesh;
+pub use sphere::Sphere;
 
 use crate::math::{Frame, Ray};
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 /// What a ray hit: identity and parameters, 20 bytes. Shading data is derived later, by [`Shape::point`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,6 +62,12 @@ pub struct AreaSample {
 pub enum Shape {
     /// Triangles. Rectangles and cubes are meshes too.
     Mesh(Mesh),
+    /// A sphere.
+    Sphere(Sphere),
+    /// A flat disk.
+    Disk(Disk),
+    /// An open cylinder.
+    Cylinder(Cylinder),
 }
 
 /// All shapes of a scene.
@@ -105,26 +117,44 @@ impl Bounds {
 }
 
 impl Shape {
-    /// World-space bounds.
+    /// World-space bounds; they contain whatever [`Shape::intersect`] can hit.
     pub fn bounds(&self) -> Bounds {
         match self {
             Shape::Mesh(m) => m.bounds(),
+            Shape::Sphere(s) => s.bounds(),
+            Shape::Disk(d) => d.bounds(),
+            Shape::Cylinder(c) => c.bounds(),
+        }
+    }
+
+    /// Distance of the nearest hit with an analytic shape, which all backends share. `None` for meshes: testing
+    /// triangles is the backends' own business.
+    pub fn intersect(&self, ray: &Ray) -> Option<f32> {
+        match self {
+            Shape::Mesh(_) => None,
+            Shape::Sphere(s) => s.intersect(ray),
+            Shape::Disk(d) => d.intersect(ray),
+            Shape::Cylinder(c) => c.intersect(ray),
         }
     }
 
     /// The surface point of a hit on this shape.
     pub fn point(&self, ray: &Ray, hit: &Hit) -> SurfacePoint {
-        let _ = ray;
         match self {
             Shape::Mesh(m) => m.point(hit.primitive, hit.u, hit.v),
+            Shape::Sphere(s) => s.point(ray, hit.t),
+            Shape::Disk(d) => d.point(ray),
+            Shape::Cylinder(c) => c.point(ray, hit.t),
         }
     }
 
     /// Unnormalised tangent ∂p/∂u at a point of this shape, for anisotropic materials and normal maps.
     pub fn dp_du(&self, hit: &Hit, point: &SurfacePoint) -> Vec3 {
-        let _ = point;
         match self {
             Shape::Mesh(m) => m.dp_du(hit.primitive),
+            Shape::Sphere(s) => s.dp_du(point),
+            Shape::Disk(d) => d.dp_du(point),
+            Shape::Cylinder(c) => c.dp_du(point),
         }
     }
 
@@ -132,6 +162,9 @@ impl Shape {
     pub fn area(&self) -> f32 {
         match self {
             Shape::Mesh(m) => m.area(),
+            Shape::Sphere(s) => s.area(),
+            Shape::Disk(d) => d.area(),
+            Shape::Cylinder(c) => c.area(),
         }
     }
 }
@@ -149,3 +182,50 @@ impl Geometry {
         self.shapes.iter().fold(Bounds::EMPTY, |b, s| b.union(s.bounds()))
     }
 }
+
+// What the analytic shapes share. They compute in f64: coordinates and radii are exact there, so that nothing cancels
+// even for a small shape far away, and their share of a render's time is small.
+
+/// The box around `center` that reaches `extent` to each side, widened by the rounding to f32.
+fn padded(center: DVec3, extent: DVec3) -> Bounds {
+    let pad = (center.abs() + extent) * f32::EPSILON as f64 + f32::MIN_POSITIVE as f64;
+    Bounds { min: (center - extent - pad).as_vec3(), max: (center + extent + pad).as_vec3() }
+}
+
+/// The roots of t² − 2bt + c, ascending, whose quarter discriminant b² − c the caller knows better. The smaller one
+/// in magnitude comes from their product, so that it does not cancel (Press et al., Numerical Recipes, 5.6).
+fn stable_roots(b: f64, discriminant: f64, c: f64) -> Option<[f64; 2]> {
+    if !(discriminant >= 0.0 && b.is_finite()) {
+        return None;
+    }
+    let q = b + discriminant.sqrt().copysign(b);
+    let other = if q == 0.0 { 0.0 } else { c / q };
+    Some(if other < q { [other, q] } else { [q, other] })
+}
+
+/// The first of ascending distances that counts on this ray.
+fn first_in_range(ray: &Ray, roots: [f64; 2]) -> Option<f32> {
+    roots.into_iter().map(|t| t as f32).find(|&t| t > ray.t_min && t < ray.t_max)
+}
+
+/// The distance that had been rounded to `t`.
+fn closest(roots: [f64; 2], t: f32) -> f64 {
+    let t = t as f64;
+    if (roots[0] - t).abs() <= (roots[1] - t).abs() { roots[0] } else { roots[1] }
+}
+
+/// Whether two vectors are as long as each other, at right angles, and neither null, up to a per mille: transforms
+/// come with a few decimals.
+fn similar(a: DVec3, b: DVec3) -> bool {
+    let (a2, b2) = (a.length_squared(), b.length_squared());
+    a2 > 0.0 && a2.is_finite() && (a2 - b2).abs() <= 2e-3 * a2 && a.dot(b).abs() <= 1e-3 * a2
+}
+
+/// The scale of three axes if they belong to a similarity.
+fn similarity(axes: &[DVec3; 3]) -> Option<f64> {
+    let [x, y, z] = *axes;
+    (similar(x, y) && similar(y, z) && similar(z, x)).then(|| (x.length() + y.length() + z.length()) / 3.0)
+}
+
+#[cfg(test)]
+mod tests;
