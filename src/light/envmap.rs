@@ -1,13 +1,15 @@
 //! Environment maps in latitude-longitude format (Mitsuba 3 `envmap`).
 
 use crate::image_io::Image;
-use crate::math::{Rgb, luminance};
+use crate::math::{Discrete, Rgb, luminance};
 use glam::{Affine3A, Mat3, Vec2, Vec3};
-use std::f32::consts::PI;
+use std::f64::consts::{PI, TAU};
 
-/// An infinitely distant image. Texels are centred in longitude and periodic, while the first and last row lie *on*
-/// the poles; in between, radiance is interpolated bilinearly. Local +y is up, and the image's left edge lies
+/// An infinitely distant image. Texels are centred in longitude and periodic, while the first and the last row lie
+/// *on* the poles; in between, radiance is interpolated bilinearly. Local +y is up, and the image's left edge lies
 /// towards −z.
+///
+/// Directions are sampled exactly in proportion to the interpolated luminance, so the pdf needs no table.
 #[derive(Clone, Debug)]
 pub struct Envmap {
     width: usize,
@@ -15,21 +17,191 @@ pub struct Envmap {
     pixels: Vec<Rgb>,
     to_world: Mat3,
     to_local: Mat3,
+    /// For each row the running integral of luminance over its `width` spans from texel centre to texel centre.
+    columns: Vec<f32>,
+    /// The spans between rows, by luminance per solid angle.
+    rows: Discrete,
+    /// ∫ L dω, W·m⁻².
+    integral: Rgb,
+    /// 1 / ∫ luminance dω; 0 for a black map.
+    inv_luminance: f32,
 }
 
 impl Envmap {
-    /// `scale` multiplies the image; of `to_world` only the rotation matters.
+    /// `scale` multiplies the image; `to_world` may rotate, mirror and (without effect) scale uniformly.
     ///
     /// # Errors
-    /// A message if the image is empty, holds values that are negative or not finite, or the transform is no
-    /// rotation.
+    /// A message if the image is empty, holds values that are negative or not finite, or if the transformation
+    /// distorts.
     pub fn new(image: Image, scale: f32, to_world: Affine3A) -> Result<Envmap, String> {
-        let Image { width, height, mut pixels } = image;
-        let _ = (scale, luminance, PI, Vec2::ZERO, Vec3::ZERO);
-        for p in &mut pixels {
-            *p *= scale;
+        let Image { width, mut height, mut pixels } = image;
+        if width == 0 || height == 0 || pixels.len() != width * height {
+            return Err("the environment map has no pixels".into());
         }
-        let to_world = Mat3::from(to_world.matrix3);
-        Ok(Envmap { width, height, pixels, to_world, to_local: to_world.inverse() })
+        for (i, p) in pixels.iter_mut().enumerate() {
+            *p *= scale;
+            if !(p.is_finite() && p.min_element() >= 0.0) {
+                let (x, y) = (i % width, i / width);
+                return Err(format!("the environment map's pixel ({x}, {y}) times its scale is {p}"));
+            }
+        }
+        // Mitsuba 3 repeats the last row until there are three.
+        while height < 3 {
+            pixels.extend_from_within((height - 1) * width..);
+            height += 1;
+        }
+
+        let matrix = Mat3::from(to_world.matrix3);
+        let to_world = matrix * (1.0 / matrix.determinant().abs().cbrt());
+        if !(to_world.transpose() * to_world).abs_diff_eq(Mat3::IDENTITY, 1e-3) {
+            return Err("an environment map can be rotated and mirrored, but not stretched or sheared".into());
+        }
+
+        let mut columns = Vec::with_capacity((width + 1) * height);
+        for row in pixels.chunks(width) {
+            let mut sum = 0.0f64;
+            columns.push(0.0);
+            for x in 0..width {
+                sum += 0.5 * (luminance(row[x]) as f64 + luminance(row[(x + 1) % width]) as f64);
+                columns.push(sum as f32);
+            }
+        }
+        let row_sums: Vec<[f64; 3]> = pixels
+            .chunks(width)
+            .map(|row| {
+                row.iter().fold([0.0; 3], |s, p| [s[0] + p.x as f64, s[1] + p.y as f64, s[2] + p.z as f64])
+            })
+            .collect();
+        let h = PI / (height - 1) as f64;
+        let texel = h * TAU / width as f64;
+        let mut sums = [0.0f64; 3];
+        let spans: Vec<f64> = (0..height - 1)
+            .map(|y| {
+                let upper = row_integral(y as f64 * h, h, 1.0, 0.0, 1.0);
+                let lower = row_integral(y as f64 * h, h, 0.0, 1.0, 1.0);
+                for (c, sum) in sums.iter_mut().enumerate() {
+                    *sum += texel * (row_sums[y][c] * upper + row_sums[y + 1][c] * lower);
+                }
+                let end = |y: usize| columns[(width + 1) * (y + 1) - 1] as f64;
+                end(y) * upper + end(y + 1) * lower
+            })
+            .collect();
+        let total = texel * spans.iter().sum::<f64>();
+        let largest = spans.iter().fold(0.0f64, |m, s| m.max(*s));
+        Ok(Envmap {
+            width,
+            height,
+            pixels,
+            to_world,
+            to_local: to_world.inverse(),
+            columns,
+            rows: Discrete::new(spans.iter().map(|s| if largest > 0.0 { (s / largest) as f32 } else { 0.0 })),
+            integral: Rgb::from_array(sums.map(|s| s as f32)),
+            inv_luminance: if total > 0.0 { (1.0 / total) as f32 } else { 0.0 },
+        })
     }
+
+    /// ∫ L dω over the sphere.
+    pub(super) fn integral(&self) -> Rgb {
+        self.integral
+    }
+
+    /// Radiance that arrives from the world direction `d`.
+    pub(super) fn eval(&self, d: Vec3) -> Rgb {
+        let l = self.to_local * d;
+        // Not acos(y), which is blind near the poles.
+        let theta = l.x.hypot(l.z).atan2(l.y);
+        let phi = l.x.atan2(-l.z);
+        let y = theta * ((self.height - 1) as f32 * std::f32::consts::FRAC_1_PI);
+        let x = phi * (self.width as f32 / std::f32::consts::TAU) - 0.5;
+        let (xi, yi) = (x.floor(), (y as usize).min(self.height - 2));
+        let (fx, fy) = (x - xi, y - yi as f32);
+        let wrap = |i: i64| i.rem_euclid(self.width as i64) as usize;
+        let (x0, x1) = (wrap(xi as i64), wrap(xi as i64 + 1));
+        let row = |y: usize| self.pixels[y * self.width + x0].lerp(self.pixels[y * self.width + x1], fx);
+        row(yi).lerp(row(yi + 1), fy.min(1.0))
+    }
+
+    /// Pdf of [`Envmap::sample`]: luminance over its integral.
+    pub(super) fn pdf_w(&self, d: Vec3) -> f32 {
+        luminance(self.eval(d)) * self.inv_luminance
+    }
+
+    /// A world direction towards the map, by luminance; `None` if it is black.
+    pub(super) fn sample(&self, u: Vec2) -> Option<Vec3> {
+        let (y, _, v) = self.rows.sample(u.y)?;
+        let row = |y: usize| &self.columns[y * (self.width + 1)..(y + 1) * (self.width + 1)];
+        let (upper, lower) = (row(y), row(y + 1));
+        let h = PI / (self.height - 1) as f64;
+        let theta = y as f64 * h;
+        let fy = sample_span(theta, h, upper[self.width] as f64, lower[self.width] as f64, v as f64);
+
+        let t = fy as f32;
+        let running = |x: usize| upper[x] * (1.0 - t) + lower[x] * t;
+        let target = u.x * running(self.width);
+        // The last span that begins at or before the target.
+        let (mut x, mut count) = (0, self.width);
+        while count > 1 {
+            let half = count / 2;
+            if running(x + half) <= target {
+                x += half;
+            }
+            count -= half;
+        }
+        let (begin, end) = (running(x), running(x + 1));
+        let texel = |x: usize, y: usize| luminance(self.pixels[y * self.width + x % self.width]);
+        let mix = |x: usize| texel(x, y) * (1.0 - t) + texel(x, y + 1) * t;
+        let rest = if end > begin { ((target - begin) / (end - begin)).clamp(0.0, 1.0) } else { 0.5 };
+        let fx = sample_linear(mix(x), mix(x + 1), rest);
+
+        let (sin_theta, cos_theta) = (theta + h * fy).sin_cos();
+        let phi = TAU * (x as f64 + 0.5 + fx as f64) / self.width as f64;
+        let (sin_phi, cos_phi) = phi.sin_cos();
+        let l = glam::DVec3::new(sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta).as_vec3();
+        Some((self.to_world * l).normalize())
+    }
+}
+
+/// ∫₀ᵗ (a (1−s) + b s) sin(θ + h s) ds.
+fn row_integral(theta: f64, h: f64, a: f64, b: f64, t: f64) -> f64 {
+    let (sin0, cos0) = theta.sin_cos();
+    let (sin1, cos1) = (theta + h * t).sin_cos();
+    a * (cos0 - cos1) / h + (b - a) * ((sin1 - sin0) / h - t * cos1) / h
+}
+
+/// Samples t in [0, 1] with a density proportional to (a (1−t) + b t) sin(θ + h t).
+fn sample_span(theta: f64, h: f64, a: f64, b: f64, u: f64) -> f64 {
+    let target = u * row_integral(theta, h, a, b, 1.0);
+    let (g0, g1) = (a * theta.sin(), b * (theta + h).sin().max(0.0));
+    let mut t = if g0 + g1 > 0.0 { sample_linear(g0 as f32, g1 as f32, u as f32) as f64 } else { 0.5 };
+    // Newton's method, kept inside a shrinking bracket.
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..32 {
+        let error = row_integral(theta, h, a, b, t) - target;
+        if error > 0.0 {
+            high = t;
+        } else {
+            low = t;
+        }
+        let slope = (a * (1.0 - t) + b * t) * (theta + h * t).sin();
+        let next = t - error / slope;
+        let next = if next > low && next < high { next } else { 0.5 * (low + high) };
+        let step = (next - t).abs();
+        t = next;
+        if step < 1e-7 {
+            break;
+        }
+    }
+    t
+}
+
+/// Samples x in [0, 1] with a density proportional to a (1−x) + b x.
+fn sample_linear(a: f32, b: f32, u: f32) -> f32 {
+    if a + b <= 0.0 {
+        return u;
+    }
+    // Scaled, so that squares neither overflow nor vanish.
+    let (a, b) = (a / (a + b), b / (a + b));
+    let denominator = a + (a * a + (b * b - a * a) * u).max(0.0).sqrt();
+    if denominator > 0.0 { (u / denominator).min(1.0) } else { 0.0 }
 }

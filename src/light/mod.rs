@@ -3,16 +3,22 @@
 //! Every light kind emits photons exactly as it lights directly: [`Lights::sample_emission`] and
 //! [`Lights::sample_direct`] describe one and the same radiance.
 
+mod area;
+mod distant;
 mod envmap;
 mod spot;
 
 pub use envmap::Envmap;
 pub use spot::Spot;
 
-use crate::math::{Discrete, Rgb};
+use crate::math::{Discrete, Rgb, luminance, warp};
 use crate::shape::Geometry;
 use crate::texture::{Color, Texture};
+use area::AreaSampler;
+use distant::World;
 use glam::{Vec2, Vec3};
+use spot::SpotTable;
+use std::f32::consts::PI;
 
 /// A direction towards a light, sampled from a point.
 #[derive(Clone, Copy, Debug)]
@@ -78,18 +84,82 @@ pub enum Light {
     Envmap(Envmap),
 }
 
+/// What sampling a light needs besides the light, prepared once.
+#[derive(Clone, Debug)]
+enum Prepared {
+    None,
+    Area(AreaSampler),
+    Spot(SpotTable),
+}
+
 /// All lights of a scene, and what is needed to choose among them.
 #[derive(Clone, Debug, Default)]
 pub struct Lights {
     lights: Vec<Light>,
+    prepared: Vec<Prepared>,
+    power: Vec<Rgb>,
+    world: World,
+    /// For photons.
     by_power: Discrete,
+    /// For direct light: half by power, half uniform over the lights that are not black, so that one strong light
+    /// cannot starve the one that is near.
+    for_direct: Discrete,
+    /// The lights that escaping rays see.
+    environment: Vec<u32>,
 }
 
 impl Lights {
     /// Prepares sampling. `geometry` is the whole scene: distant lights emit towards its bounding sphere.
     pub fn new(lights: Vec<Light>, geometry: &Geometry, textures: &[Texture]) -> Self {
-        let _ = (geometry, textures);
-        Lights { lights, by_power: Discrete::default() }
+        let world = World::new(geometry.bounds());
+        let prepared: Vec<Prepared> = lights
+            .iter()
+            .map(|light| match light {
+                Light::Area { shape, .. } => geometry
+                    .shapes
+                    .get(*shape as usize)
+                    .map_or(Prepared::None, |s| Prepared::Area(AreaSampler::new(s))),
+                Light::Spot(spot) => Prepared::Spot(SpotTable::new(spot, textures)),
+                _ => Prepared::None,
+            })
+            .collect();
+        let power: Vec<Rgb> = lights
+            .iter()
+            .zip(&prepared)
+            .map(|(light, prepared)| match (light, prepared) {
+                (Light::Area { shape, radiance }, Prepared::Area(sampler)) => {
+                    sampler.power(&geometry.shapes[*shape as usize], *radiance, textures)
+                }
+                (Light::Point { intensity, .. }, _) => *intensity * (4.0 * PI),
+                (_, Prepared::Spot(table)) => table.power(),
+                (Light::Directional { irradiance, .. }, _) => *irradiance * world.cross_section(),
+                (Light::Constant { radiance }, _) => *radiance * (PI * world.cross_section()),
+                (Light::Envmap(map), _) => map.integral() * world.cross_section(),
+                _ => Rgb::ZERO,
+            })
+            .collect();
+        let weight = |p: Rgb| if p.is_finite() { luminance(p).max(0.0) } else { 0.0 };
+        let by_power = Discrete::new(power.iter().map(|&p| weight(p)));
+        let lit: Vec<bool> = lights
+            .iter()
+            .zip(&power)
+            .map(|(light, &power)| match light {
+                // These light points outside of the geometry's bounds too.
+                Light::Directional { irradiance, .. } => weight(*irradiance) > 0.0,
+                Light::Constant { radiance } => weight(*radiance) > 0.0,
+                Light::Envmap(map) => weight(map.integral()) > 0.0,
+                _ => weight(power) > 0.0,
+            })
+            .collect();
+        let uniform = 0.5 / lit.iter().filter(|&&l| l).count().max(1) as f32;
+        let for_direct = Discrete::new((0..lights.len()).map(|i| {
+            let share = if by_power.total() > 0.0 { by_power.prob(i) } else { 0.0 };
+            if lit[i] { uniform + 0.5 * share } else { 0.0 }
+        }));
+        let environment = (0..lights.len() as u32)
+            .filter(|&i| matches!(lights[i as usize], Light::Constant { .. } | Light::Envmap(_)))
+            .collect();
+        Lights { lights, prepared, power, world, by_power, for_direct, environment }
     }
 
     /// The lights.
@@ -98,13 +168,13 @@ impl Lights {
     }
 
     /// Analytic power of light `i`, W per channel; a distant light's is what it sends through the scene's bounding
-    /// sphere.
+    /// sphere. For textured area lights and spotlights it is integrated numerically; photons carry the exact flux.
     pub fn power(&self, i: u32) -> Rgb {
-        let _ = i;
-        Rgb::ZERO
+        self.power[i as usize]
     }
 
-    /// Chooses a light by power with `u_light` and a direction from the point `p` to it with `u`.
+    /// Chooses a light with `u_light` (half by power, half uniformly) and a direction from the point `p` to it with
+    /// `u`.
     pub fn sample_direct(
         &self,
         geometry: &Geometry,
@@ -113,14 +183,51 @@ impl Lights {
         u_light: f32,
         u: Vec2,
     ) -> Option<DirectSample> {
-        let _ = (geometry, textures, p, u_light, u, &self.by_power);
-        None
+        let (i, prob, _) = self.for_direct.sample(u_light)?;
+        let sample = match (&self.lights[i], &self.prepared[i]) {
+            (Light::Area { shape, radiance }, Prepared::Area(sampler)) => {
+                sampler.direct(&geometry.shapes[*shape as usize], *radiance, textures, p, u)?
+            }
+            (Light::Point { position, intensity }, _) => {
+                let to = *position - p;
+                DirectSample {
+                    wi: to.try_normalize()?,
+                    target: Some(*position),
+                    weight: *intensity / to.length_squared(),
+                    pdf_w: 1.0,
+                    delta: true,
+                }
+            }
+            (Light::Spot(spot), _) => spot.direct(textures, p)?,
+            (Light::Directional { direction, irradiance }, _) => {
+                DirectSample { wi: -*direction, target: None, weight: *irradiance, pdf_w: 1.0, delta: true }
+            }
+            (Light::Constant { .. }, _) => return self.direct_background(warp::sphere(u)),
+            (Light::Envmap(map), _) => return self.direct_background(map.sample(u)?),
+            (Light::Area { .. }, _) => return None,
+        };
+        Some(DirectSample { weight: sample.weight / prob, pdf_w: sample.pdf_w * prob, ..sample })
+    }
+
+    /// Environment lights are seen together, so a direction sampled from one counts for all of them.
+    fn direct_background(&self, wi: Vec3) -> Option<DirectSample> {
+        let pdf_w = self.pdf_background_w(wi);
+        let weight = self.background(wi) / pdf_w;
+        (pdf_w > 0.0 && weight.is_finite()).then_some(DirectSample {
+            wi,
+            target: None,
+            weight,
+            pdf_w,
+            delta: false,
+        })
     }
 
     /// Radiance that area light `light` emits at a surface point with geometric normal `n_g` towards `wo`.
     pub fn emitted(&self, light: u32, textures: &[Texture], uv: Vec2, n_g: Vec3, wo: Vec3) -> Rgb {
-        let _ = (light, textures, uv, n_g, wo);
-        Rgb::ZERO
+        match &self.lights[light as usize] {
+            Light::Area { radiance, .. } if wo.dot(n_g) > 0.0 => radiance.eval(textures, uv),
+            _ => Rgb::ZERO,
+        }
     }
 
     /// Pdf with which [`Lights::sample_direct`] from `from` would have taken direction `wi` to the point `p` of the
@@ -134,20 +241,40 @@ impl Lights {
         p: Vec3,
         n_g: Vec3,
     ) -> f32 {
-        let _ = (light, geometry, from, wi, p, n_g);
-        0.0
+        let i = light as usize;
+        match (&self.lights[i], &self.prepared[i]) {
+            (Light::Area { shape, .. }, Prepared::Area(sampler)) => {
+                self.for_direct.prob(i) * sampler.pdf_w(&geometry.shapes[*shape as usize], from, wi, p, n_g)
+            }
+            _ => 0.0,
+        }
     }
 
     /// Radiance of all environment lights along the escaping direction `d`.
     pub fn background(&self, d: Vec3) -> Rgb {
-        let _ = d;
-        Rgb::ZERO
+        self.environment
+            .iter()
+            .map(|&i| match &self.lights[i as usize] {
+                Light::Constant { radiance } => *radiance,
+                Light::Envmap(map) => map.eval(d),
+                _ => Rgb::ZERO,
+            })
+            .sum()
     }
 
     /// Pdf with which [`Lights::sample_direct`] would have taken the escaping direction `d`.
     pub fn pdf_background_w(&self, d: Vec3) -> f32 {
-        let _ = d;
-        0.0
+        self.environment
+            .iter()
+            .map(|&i| {
+                self.for_direct.prob(i as usize)
+                    * match &self.lights[i as usize] {
+                        Light::Constant { .. } => warp::SPHERE_PDF_W,
+                        Light::Envmap(map) => map.pdf_w(d),
+                        _ => 0.0,
+                    }
+            })
+            .sum()
     }
 
     /// Emits a photon: a light by power, a position by `u_pos`, a direction by `u_dir`.
@@ -159,7 +286,34 @@ impl Lights {
         u_pos: Vec2,
         u_dir: Vec2,
     ) -> Option<EmissionSample> {
-        let _ = (geometry, textures, u_light, u_pos, u_dir);
-        None
+        let (i, prob, _) = self.by_power.sample(u_light)?;
+        let sample = match (&self.lights[i], &self.prepared[i]) {
+            (Light::Area { shape, radiance }, Prepared::Area(sampler)) => {
+                sampler.emission(&geometry.shapes[*shape as usize], *radiance, textures, u_pos, u_dir)?
+            }
+            (Light::Point { position, intensity }, _) => EmissionSample {
+                o: *position,
+                d: warp::sphere(u_dir),
+                flux: *intensity / warp::SPHERE_PDF_W,
+                light: 0,
+            },
+            (Light::Spot(spot), Prepared::Spot(table)) => table.emission(spot, textures, u_dir)?,
+            (Light::Directional { direction, irradiance }, _) => {
+                self.world.emission(*direction, *irradiance, u_pos)?
+            }
+            (Light::Constant { radiance }, _) => {
+                self.world.emission(warp::sphere(u_dir), *radiance / warp::SPHERE_PDF_W, u_pos)?
+            }
+            (Light::Envmap(map), _) => {
+                let wi = map.sample(u_dir)?;
+                let pdf_w = map.pdf_w(wi);
+                if pdf_w <= 0.0 {
+                    return None;
+                }
+                self.world.emission(-wi, map.eval(wi) / pdf_w, u_pos)?
+            }
+            (Light::Area { .. } | Light::Spot(_), _) => return None,
+        };
+        Some(EmissionSample { flux: sample.flux / prob, light: i as u32, ..sample })
     }
 }

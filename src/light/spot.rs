@@ -38,7 +38,9 @@ impl Spot {
             return Err("the spot light's transformation is singular or not finite".into());
         }
         if !(cutoff_degrees > 0.0 && cutoff_degrees <= 180.0) {
-            return Err(format!("the cutoff angle must be above 0 and at most 180 degrees, not {cutoff_degrees}"));
+            return Err(format!(
+                "the cutoff angle must be above 0 and at most 180 degrees, not {cutoff_degrees}"
+            ));
         }
         if !(beam_degrees >= 0.0) {
             return Err(format!("the beam width must not be negative, but is {beam_degrees} degrees"));
@@ -54,10 +56,12 @@ impl Spot {
         if theta >= self.cutoff {
             return Rgb::ZERO;
         }
-        let falloff = if theta <= self.beam { 1.0 } else { (self.cutoff - theta) / (self.cutoff - self.beam) };
-        let projected = self.texture.and_then(|i| textures.get(i as usize)).map_or(Rgb::ONE, |texture| {
-            texture.eval(0.5 + 0.5 * l.truncate() / (l.z * self.cutoff.tan()))
-        });
+        let falloff =
+            if theta <= self.beam { 1.0 } else { (self.cutoff - theta) / (self.cutoff - self.beam) };
+        let projected = self
+            .texture
+            .and_then(|i| textures.get(i as usize))
+            .map_or(Rgb::ONE, |texture| texture.eval(0.5 + 0.5 * l.truncate() / (l.z * self.cutoff.tan())));
         self.intensity * projected * falloff
     }
 

@@ -4,6 +4,7 @@
 mod cylinder;
 mod disk;
 mod mesh;
+mod sample;
 mod sphere;
 
 pub use cylinder::Cylinder;

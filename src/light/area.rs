@@ -1,0 +1,105 @@
+//! Area lights: a shape that emits from its front side (Mitsuba 3 `area`).
+
+use super::{DirectSample, EmissionSample};
+use crate::math::{Discrete, Frame, Rgb, offset_origin, warp};
+use crate::shape::Shape;
+use crate::texture::{Color, Texture};
+use glam::{Vec2, Vec3};
+use std::f32::consts::PI;
+
+/// What sampling an area light needs besides its shape.
+#[derive(Clone, Debug)]
+pub(super) struct AreaSampler {
+    area: f32,
+    distribution: Discrete,
+}
+
+impl AreaSampler {
+    pub(super) fn new(shape: &Shape) -> AreaSampler {
+        AreaSampler { area: shape.area(), distribution: shape.area_distribution() }
+    }
+
+    /// π · area · mean radiance. The mean of a texture is taken over 2¹⁶ evenly spread surface points.
+    pub(super) fn power(&self, shape: &Shape, radiance: Color, textures: &[Texture]) -> Rgb {
+        let mean = match radiance {
+            Color::Constant(c) => c,
+            Color::Texture(_) => {
+                const N: u32 = 1 << 16;
+                let mut sum = [0.0f64; 3];
+                for i in 0..N {
+                    // Hammersley points.
+                    let u = Vec2::new(i as f32 + 0.5, (i.reverse_bits() >> 16) as f32 + 0.5) / N as f32;
+                    let Some(sample) = shape.sample_area(&self.distribution, u) else { break };
+                    for (s, c) in sum.iter_mut().zip(radiance.eval(textures, sample.uv).to_array()) {
+                        *s += c as f64;
+                    }
+                }
+                Rgb::from_array(sum.map(|s| (s / N as f64) as f32))
+            }
+        };
+        mean * PI * self.area
+    }
+
+    pub(super) fn direct(
+        &self,
+        shape: &Shape,
+        radiance: Color,
+        textures: &[Texture],
+        p: Vec3,
+        u: Vec2,
+    ) -> Option<DirectSample> {
+        let visible = match shape {
+            Shape::Sphere(sphere) => sphere.sample_visible(p, u),
+            _ => None,
+        };
+        let (wi, point) = match visible {
+            Some(sample) => sample,
+            None => {
+                let point = shape.sample_area(&self.distribution, u)?;
+                ((point.p - p).try_normalize()?, point)
+            }
+        };
+        let pdf_w = self.pdf_w(shape, p, wi, point.p, point.n_g);
+        let weight = radiance.eval(textures, point.uv) / pdf_w;
+        // Seen from behind, or edge-on, nothing arrives.
+        (pdf_w > 0.0 && weight.is_finite()).then(|| DirectSample {
+            wi,
+            target: Some(offset_origin(point.p, point.n_g, -wi, point.magnitude)),
+            weight,
+            pdf_w,
+            delta: false,
+        })
+    }
+
+    /// Pdf of [`AreaSampler::direct`] from `from` along `wi` to `p` with normal `n_g`.
+    pub(super) fn pdf_w(&self, shape: &Shape, from: Vec3, wi: Vec3, p: Vec3, n_g: Vec3) -> f32 {
+        let cos = -wi.dot(n_g);
+        if cos <= 0.0 {
+            return 0.0;
+        }
+        let visible = match shape {
+            Shape::Sphere(sphere) => sphere.visible_pdf_w(from),
+            _ => None,
+        };
+        visible.unwrap_or_else(|| p.distance_squared(from) / (cos * self.area))
+    }
+
+    pub(super) fn emission(
+        &self,
+        shape: &Shape,
+        radiance: Color,
+        textures: &[Texture],
+        u_pos: Vec2,
+        u_dir: Vec2,
+    ) -> Option<EmissionSample> {
+        let point = shape.sample_area(&self.distribution, u_pos)?;
+        let flux = radiance.eval(textures, point.uv) * (PI * self.area);
+        let d = Frame::from_normal(point.n_g).to_world(warp::cosine_hemisphere(u_dir));
+        (flux != Rgb::ZERO).then(|| EmissionSample {
+            o: offset_origin(point.p, point.n_g, d, point.magnitude),
+            d,
+            flux,
+            light: 0,
+        })
+    }
+}
