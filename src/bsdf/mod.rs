@@ -1,11 +1,51 @@
 //! Scattering at a surface point whose textures are already looked up: small `Copy` values in local coordinates
-//! (z = shading normal), so this module knows neither textures nor scene.
+//! (z = shading normal), so this module knows neither textures nor scene. The models are those of Mitsuba 3.9.
 //!
 //! `eval` includes the cosine. Rough lobes belong to two *classes* at once, by weights that change smoothly with
 //! roughness: that is how the light transport is split without a threshold; see [`Share`].
 
+mod conductor;
+mod dielectric;
+mod diffuse;
+pub mod fresnel;
+mod microfacet;
+mod plastic;
+#[cfg(test)]
+mod tests;
+
+pub use microfacet::{Distribution, Microfacet};
+pub use plastic::{Coating, RoughCoating};
+
 use crate::math::Rgb;
+use conductor::{Conductor, RoughConductor};
+use dielectric::{Dielectric, RoughDielectric, ThinDielectric};
+use diffuse::Diffuse;
 use glam::{Vec2, Vec3};
+use plastic::{Paint, Plastic, RoughPlastic};
+use std::f32::consts::FRAC_1_PI;
+
+/// Roughness α where a lobe begins to count as broad to the eye, and where it is wholly so.
+const BROAD_TO_EYE: (f32, f32) = (0.05, 0.25);
+
+/// The same for light that leaves.
+const BROAD_TO_LIGHT: (f32, f32) = (0.3, 0.8);
+
+/// The part of a microfacet lobe of roughness `alpha` that is too narrow for density estimation at the first vertex
+/// from the eye, and is sampled instead: from 1 (narrow) smoothly down to 0.
+pub fn sharp_eye(alpha: f32) -> f32 {
+    1.0 - smoothstep(BROAD_TO_EYE, alpha)
+}
+
+/// The part of a microfacet lobe of roughness `alpha` that is too narrow for final gathering to find the light it
+/// casts, which therefore makes caustics: from 1 (narrow) smoothly down to 0.
+pub fn sharp_light(alpha: f32) -> f32 {
+    1.0 - smoothstep(BROAD_TO_LIGHT, alpha)
+}
+
+fn smoothstep((from, to): (f32, f32), x: f32) -> f32 {
+    let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
 
 /// What the scattered quantity is: refraction scales radiance, never flux.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,6 +68,17 @@ pub enum Share {
     BroadLight,
 }
 
+impl Share {
+    /// The share of a microfacet lobe of roughness `alpha`.
+    fn of(self, alpha: f32) -> f32 {
+        match self {
+            Share::All => 1.0,
+            Share::BroadEye => 1.0 - sharp_eye(alpha),
+            Share::BroadLight => 1.0 - sharp_light(alpha),
+        }
+    }
+}
+
 /// A sampled direction.
 #[derive(Clone, Copy, Debug)]
 pub struct BsdfSample {
@@ -43,44 +94,287 @@ pub struct BsdfSample {
     pub eta: f32,
 }
 
-/// The closed set of scattering functions.
+impl BsdfSample {
+    fn smooth(wi: Vec3, weight: Rgb, pdf_w: f32) -> Self {
+        BsdfSample { wi, weight, pdf_w, delta: false, eta: 1.0 }
+    }
+
+    fn delta(wi: Vec3, weight: Rgb, eta: f32) -> Self {
+        BsdfSample { wi, weight, pdf_w: 0.0, delta: true, eta }
+    }
+}
+
+/// A scattering function: one of a closed set, perhaps with holes, perhaps on both sides.
+///
+/// Reflectances and transmittances scale the physical values; 1 is Mitsuba's default for the specular ones, 0.5 for
+/// the diffuse ones. `eta` of a dielectric is the index of the interior (below the surface) over the exterior.
+/// What cannot transmit is black from behind unless made [`Bsdf::two_sided`].
 #[derive(Clone, Copy, Debug)]
-pub enum Bsdf<'a> {
-    /// Lambertian reflection from the front side.
-    Diffuse {
-        /// Albedo.
-        reflectance: Rgb,
-        /// Later variants borrow tables.
-        marker: std::marker::PhantomData<&'a ()>,
-    },
+pub struct Bsdf<'a> {
+    kind: Kind<'a>,
+    opacity: f32,
+    two_sided: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Kind<'a> {
+    Null,
+    Diffuse(Diffuse),
+    Conductor(Conductor),
+    RoughConductor(RoughConductor),
+    Dielectric(Dielectric),
+    ThinDielectric(ThinDielectric),
+    RoughDielectric(RoughDielectric),
+    Plastic(Plastic),
+    RoughPlastic(RoughPlastic<'a>),
 }
 
 impl<'a> Bsdf<'a> {
-    /// Lambertian reflection.
+    fn new(kind: Kind<'a>) -> Self {
+        Bsdf { kind, opacity: 1.0, two_sided: false }
+    }
+
+    /// No surface at all: light goes straight through (`null`).
+    pub fn null() -> Self {
+        Bsdf::new(Kind::Null)
+    }
+
+    /// Lambertian reflection from the front side (`diffuse`).
     pub fn diffuse(reflectance: Rgb) -> Self {
-        Bsdf::Diffuse { reflectance, marker: std::marker::PhantomData }
+        Bsdf::new(Kind::Diffuse(Diffuse { reflectance }))
+    }
+
+    /// Smooth metal (`conductor`) of complex index `eta` + i·`k`; 0 + i·1 is the perfect mirror (`material` none).
+    pub fn conductor(eta: Rgb, k: Rgb, reflectance: Rgb) -> Self {
+        Bsdf::new(Kind::Conductor(Conductor { eta, k, reflectance }))
+    }
+
+    /// Rough metal (`roughconductor`).
+    pub fn rough_conductor(eta: Rgb, k: Rgb, microfacet: Microfacet, reflectance: Rgb) -> Self {
+        let metal = Conductor { eta, k, reflectance };
+        Bsdf::new(Kind::RoughConductor(RoughConductor { metal, microfacet }))
+    }
+
+    /// Smooth interface of two transparent media (`dielectric`).
+    pub fn dielectric(eta: f32, reflectance: Rgb, transmittance: Rgb) -> Self {
+        Bsdf::new(Kind::Dielectric(Dielectric { eta, reflectance, transmittance }))
+    }
+
+    /// Thin sheet of a transparent medium (`thindielectric`).
+    pub fn thin_dielectric(eta: f32, reflectance: Rgb, transmittance: Rgb) -> Self {
+        Bsdf::new(Kind::ThinDielectric(ThinDielectric(Dielectric { eta, reflectance, transmittance })))
+    }
+
+    /// Rough interface of two transparent media (`roughdielectric`). `eta` must not be 1: nothing would scatter.
+    pub fn rough_dielectric(eta: f32, microfacet: Microfacet, reflectance: Rgb, transmittance: Rgb) -> Self {
+        let interface = Dielectric { eta, reflectance, transmittance };
+        Bsdf::new(Kind::RoughDielectric(RoughDielectric { interface, microfacet }))
+    }
+
+    /// Diffuse base under a smooth coating (`plastic`). `nonlinear` lets the base colour the light at every internal
+    /// reflection. Physical for `diffuse` ≤ 1.
+    pub fn plastic(coating: Coating, diffuse: Rgb, specular: Rgb, nonlinear: bool) -> Self {
+        let paint = Paint::new(&coating, diffuse, specular, nonlinear);
+        Bsdf::new(Kind::Plastic(Plastic { coating, paint }))
+    }
+
+    /// Diffuse base under a rough coating (`roughplastic`).
+    pub fn rough_plastic(coating: &'a RoughCoating, diffuse: Rgb, specular: Rgb, nonlinear: bool) -> Self {
+        let paint = Paint::new(coating.smooth(), diffuse, specular, nonlinear);
+        Bsdf::new(Kind::RoughPlastic(RoughPlastic { coating, paint }))
+    }
+
+    /// The same with holes (`mask`): light goes straight through with probability 1 − `opacity`.
+    pub fn masked(self, opacity: f32) -> Self {
+        Bsdf { opacity: self.opacity * opacity.clamp(0.0, 1.0), ..self }
+    }
+
+    /// The same on both sides (`twosided`): seen from behind, everything is mirrored. No effect on what transmits,
+    /// which has two sides already.
+    pub fn two_sided(self) -> Self {
+        Bsdf { two_sided: !self.kind.transmits(), ..self }
     }
 
     /// f(wo, wi)·|cosθ_i| of the non-delta lobes.
+    #[inline]
     pub fn eval(&self, wo: Vec3, wi: Vec3, mode: Mode, share: Share) -> Rgb {
-        let _ = (wo, wi, mode, share);
-        Rgb::ZERO
+        let (wo, wi) = if self.flips(wo) { (mirror(wo), mirror(wi)) } else { (wo, wi) };
+        let f = match &self.kind {
+            Kind::Diffuse(b) => b.eval(wo, wi),
+            kind => kind.eval(wo, wi, mode, share),
+        };
+        f * self.opacity
     }
 
     /// Pdf with which [`Bsdf::sample`] takes `wi` from a non-delta lobe.
+    #[inline]
     pub fn pdf_w(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let _ = (wo, wi);
-        0.0
+        let (wo, wi) = if self.flips(wo) { (mirror(wo), mirror(wi)) } else { (wo, wi) };
+        let pdf_w = match &self.kind {
+            Kind::Diffuse(b) => b.pdf_w(wo, wi),
+            kind => kind.pdf_w(wo, wi),
+        };
+        pdf_w * self.opacity
     }
 
-    /// Samples a lobe by `u_lobe` and a direction by `u`.
+    /// Samples a lobe by `u_lobe` and a direction by `u`, all in [0, 1). `None` means that the path ends: it counts as
+    /// a sample of weight 0.
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode) -> Option<BsdfSample> {
-        let _ = (wo, u_lobe, u, mode);
-        None
+        if u_lobe >= self.opacity {
+            return Some(BsdfSample::delta(-wo, Rgb::ONE, 1.0));
+        }
+        let u_lobe = u_lobe / self.opacity;
+        let flips = self.flips(wo);
+        let mut s = self.kind.sample(if flips { mirror(wo) } else { wo }, u_lobe, u, mode)?;
+        if flips {
+            s.wi = mirror(s.wi);
+        }
+        s.pdf_w *= self.opacity;
+        Some(s)
     }
 
     /// Whether any lobe is not a delta: photons are stored and light is sampled there.
     pub fn has_smooth(&self) -> bool {
-        true
+        let delta_only = matches!(
+            self.kind,
+            Kind::Null | Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_)
+        );
+        self.opacity > 0.0 && !delta_only
     }
+
+    /// Whether any lobe is a delta, holes included.
+    pub fn has_delta(&self) -> bool {
+        let smooth_only = matches!(
+            self.kind,
+            Kind::Diffuse(_) | Kind::RoughConductor(_) | Kind::RoughDielectric(_) | Kind::RoughPlastic(_)
+        );
+        self.opacity < 1.0 || !smooth_only
+    }
+
+    /// Whether a microfacet lobe is divided among the shares: some share differs from [`Share::All`].
+    pub fn has_rough(&self) -> bool {
+        let divided = |alpha| sharp_eye(alpha) > 0.0 || sharp_light(alpha) > 0.0;
+        self.opacity > 0.0 && self.kind.roughness().is_some_and(divided)
+    }
+
+    /// Roughness √(α_u α_v) of the microfacet lobe, if there is one.
+    pub fn roughness(&self) -> Option<f32> {
+        self.kind.roughness()
+    }
+
+    /// Whether light gets from one side to the other.
+    pub fn transmits(&self) -> bool {
+        self.opacity < 1.0 || self.kind.transmits()
+    }
+
+    /// Whether light goes straight through, as if nothing were there.
+    pub fn is_null(&self) -> bool {
+        self.opacity == 0.0 || matches!(self.kind, Kind::Null)
+    }
+
+    /// Whether anything but holes scatters what arrives on the side of `wo`.
+    pub fn scatters_on(&self, wo: Vec3) -> bool {
+        wo.z > 0.0 || (wo.z < 0.0 && (self.two_sided || self.kind.transmits()))
+    }
+
+    /// The constant f (without cosine) of a Lambertian surface, `None` for any other. It holds for both directions on
+    /// one side that [scatters](Bsdf::scatters_on).
+    #[inline]
+    pub fn diffuse_only(&self) -> Option<Rgb> {
+        match &self.kind {
+            Kind::Diffuse(b) => Some(b.reflectance * (self.opacity * FRAC_1_PI)),
+            _ => None,
+        }
+    }
+
+    /// Approximate share of the arriving light that is scattered anywhere, by all lobes and holes.
+    pub fn albedo(&self) -> Rgb {
+        let a = match &self.kind {
+            Kind::Null => Rgb::ONE,
+            Kind::Diffuse(b) => b.reflectance,
+            Kind::Conductor(b) => b.fresnel(1.0),
+            Kind::RoughConductor(b) => b.metal.fresnel(1.0),
+            Kind::Dielectric(b) => b.albedo(1),
+            Kind::ThinDielectric(b) => b.0.albedo(2),
+            Kind::RoughDielectric(b) => b.interface.albedo(1),
+            Kind::Plastic(b) => b.albedo(),
+            Kind::RoughPlastic(b) => b.albedo(),
+        };
+        Rgb::ONE.lerp(a, self.opacity)
+    }
+
+    #[inline]
+    fn flips(&self, wo: Vec3) -> bool {
+        self.two_sided && wo.z < 0.0
+    }
+}
+
+impl Kind<'_> {
+    fn eval(&self, wo: Vec3, wi: Vec3, mode: Mode, share: Share) -> Rgb {
+        let part = |alpha| share.of(alpha);
+        match self {
+            Kind::Null | Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => Rgb::ZERO,
+            Kind::Diffuse(b) => b.eval(wo, wi),
+            Kind::RoughConductor(b) => match part(b.microfacet.roughness()) {
+                0.0 => Rgb::ZERO,
+                part => b.eval(wo, wi) * part,
+            },
+            Kind::RoughDielectric(b) => match part(b.microfacet.roughness()) {
+                0.0 => Rgb::ZERO,
+                part => b.eval(wo, wi, mode) * part,
+            },
+            Kind::Plastic(b) => b.eval(wo, wi),
+            Kind::RoughPlastic(b) => b.eval(wo, wi, part(b.roughness())),
+        }
+    }
+
+    fn pdf_w(&self, wo: Vec3, wi: Vec3) -> f32 {
+        match self {
+            Kind::Null | Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => 0.0,
+            Kind::Diffuse(b) => b.pdf_w(wo, wi),
+            Kind::RoughConductor(b) => b.pdf_w(wo, wi),
+            Kind::RoughDielectric(b) => b.pdf_w(wo, wi),
+            Kind::Plastic(b) => b.pdf_w(wo, wi),
+            Kind::RoughPlastic(b) => b.pdf_w(wo, wi),
+        }
+    }
+
+    fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode) -> Option<BsdfSample> {
+        match self {
+            Kind::Null => Some(BsdfSample::delta(-wo, Rgb::ONE, 1.0)),
+            Kind::Diffuse(b) => b.sample(wo, u),
+            Kind::Conductor(b) => b.sample(wo),
+            Kind::RoughConductor(b) => b.sample(wo, u),
+            Kind::Dielectric(b) => b.sample(wo, u_lobe, mode),
+            Kind::ThinDielectric(b) => b.sample(wo, u_lobe),
+            Kind::RoughDielectric(b) => b.sample(wo, u_lobe, u, mode),
+            Kind::Plastic(b) => b.sample(wo, u_lobe, u),
+            Kind::RoughPlastic(b) => b.sample(wo, u_lobe, u),
+        }
+    }
+
+    fn roughness(&self) -> Option<f32> {
+        match self {
+            Kind::RoughConductor(b) => Some(b.microfacet.roughness()),
+            Kind::RoughDielectric(b) => Some(b.microfacet.roughness()),
+            Kind::RoughPlastic(b) => Some(b.roughness()),
+            _ => None,
+        }
+    }
+
+    fn transmits(&self) -> bool {
+        matches!(self, Kind::Null | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_))
+    }
+}
+
+/// Seen from behind.
+#[inline]
+fn mirror(w: Vec3) -> Vec3 {
+    Vec3::new(w.x, w.y, -w.z)
+}
+
+/// Mirror reflection of `w` about the unit vector `m`.
+#[inline]
+fn reflect(w: Vec3, m: Vec3) -> Vec3 {
+    m * (2.0 * w.dot(m)) - w
 }

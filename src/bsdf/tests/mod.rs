@@ -1,0 +1,405 @@
+//! Tests that hold for every scattering function alike.
+
+mod chi2;
+mod mitsuba;
+
+use super::*;
+use crate::math::{Sampler, Stream, warp};
+use std::sync::LazyLock;
+
+const PAINT: Rgb = Rgb::new(0.5, 0.2, 0.1);
+const TINT_R: Rgb = Rgb::new(0.9, 0.8, 0.7);
+const TINT_T: Rgb = Rgb::new(0.6, 0.9, 0.8);
+const METAL_ETA: Rgb = Rgb::new(0.2, 0.4, 1.3);
+const METAL_K: Rgb = Rgb::new(3.9, 2.4, 1.6);
+/// Mitsuba's BK7 and polypropylene in air.
+const GLASS: f32 = 1.5046 / 1.000277;
+const PLASTIC: f32 = 1.49 / 1.000277;
+
+/// What has to outlive the scattering functions, shared because it takes a while.
+static COATINGS: LazyLock<Coatings> = LazyLock::new(Coatings::new);
+
+struct Coatings {
+    beckmann: RoughCoating,
+    ggx: RoughCoating,
+    rough: RoughCoating,
+}
+
+impl Coatings {
+    fn new() -> Self {
+        Coatings {
+            beckmann: RoughCoating::new(PLASTIC, 0.1, Distribution::Beckmann),
+            ggx: RoughCoating::new(1.9, 0.3, Distribution::Ggx),
+            rough: RoughCoating::new(1.3, 0.6, Distribution::Beckmann),
+        }
+    }
+}
+
+/// Every model, with the parameters that Mitsuba's values belong to, and some more.
+fn bsdfs() -> Vec<(&'static str, Bsdf<'static>)> {
+    use Distribution::{Beckmann, Ggx};
+    let diffuse = Bsdf::diffuse(PAINT);
+    let mirror = |m| Bsdf::rough_conductor(Rgb::ZERO, Rgb::ONE, m, Rgb::ONE);
+    let metal = |m, tint| Bsdf::rough_conductor(METAL_ETA, METAL_K, m, tint);
+    let glass = |eta, m| Bsdf::rough_dielectric(eta, m, Rgb::ONE, Rgb::ONE);
+    vec![
+        ("null", Bsdf::null()),
+        ("diffuse", diffuse),
+        ("two_sided_diffuse", diffuse.two_sided()),
+        ("masked_diffuse", diffuse.masked(0.3)),
+        ("conductor_mirror", Bsdf::conductor(Rgb::ZERO, Rgb::ONE, Rgb::ONE)),
+        ("conductor", Bsdf::conductor(METAL_ETA, METAL_K, TINT_R)),
+        ("rough_conductor_mirror", mirror(Microfacet::new(Beckmann, 0.1, 0.1))),
+        ("rough_conductor_ggx", metal(Microfacet::new(Ggx, 0.2, 0.4), TINT_R)),
+        ("rough_conductor_beckmann", metal(Microfacet::new(Beckmann, 0.5, 0.2), Rgb::ONE)),
+        ("two_sided_rough_conductor", metal(Microfacet::new(Beckmann, 0.3, 0.3), Rgb::ONE).two_sided()),
+        ("rough_conductor_very_rough", mirror(Microfacet::new(Ggx, 1.0, 0.7))),
+        ("dielectric", Bsdf::dielectric(1.5, TINT_R, TINT_T)),
+        ("thin_dielectric", Bsdf::thin_dielectric(1.5, TINT_R, TINT_T)),
+        ("rough_dielectric_default", glass(GLASS, Microfacet::new(Beckmann, 0.1, 0.1))),
+        (
+            "rough_dielectric_ggx",
+            Bsdf::rough_dielectric(1.33, Microfacet::new(Ggx, 0.3, 0.15), TINT_R, TINT_T),
+        ),
+        ("rough_dielectric_inverse", glass(1.0 / 1.5, Microfacet::new(Beckmann, 0.5, 0.5))),
+        ("masked_rough_dielectric", glass(1.7, Microfacet::new(Ggx, 0.8, 0.8)).masked(0.6)),
+        ("plastic", Bsdf::plastic(Coating::new(PLASTIC), PAINT, Rgb::ONE, false)),
+        ("plastic_nonlinear", Bsdf::plastic(Coating::new(1.9), PAINT, TINT_R, true)),
+        ("rough_plastic", Bsdf::rough_plastic(&COATINGS.beckmann, PAINT, Rgb::ONE, false)),
+        ("rough_plastic_nonlinear", Bsdf::rough_plastic(&COATINGS.ggx, PAINT, TINT_R, true)),
+        ("rough_plastic_very_rough", Bsdf::rough_plastic(&COATINGS.rough, PAINT, TINT_R, true).two_sided()),
+    ]
+}
+
+/// From steep to grazing, on both sides; oblique to the axes because of anisotropy.
+fn directions() -> impl Iterator<Item = Vec3> {
+    let at = |cos: f32, phi: f32| {
+        let sin = (1.0 - cos * cos).sqrt();
+        Vec3::new(sin * phi.cos(), sin * phi.sin(), cos)
+    };
+    [at(1.0, 0.0), at(0.8, 0.7), at(0.3, 2.5), at(0.05, -1.0), at(-0.9, 4.0), at(-0.4, 1.2)].into_iter()
+}
+
+fn random(set: u64, index: u64) -> (f32, Vec2, Sampler) {
+    let mut sampler = Sampler::new(5, Stream::Eye, set, index);
+    (sampler.next_1d(), sampler.next_2d(), sampler)
+}
+
+fn close(a: f32, b: f32, relative: f32) -> bool {
+    (a - b).abs() <= relative * a.abs().max(b.abs()) + 1e-6
+}
+
+#[test]
+fn samples_agree_with_eval_and_pdf() {
+    for (name, bsdf) in bsdfs() {
+        for wo in directions() {
+            for i in 0..500 {
+                let (u_lobe, u, _) = random(0, i);
+                for mode in [Mode::Radiance, Mode::Flux] {
+                    let Some(s) = bsdf.sample(wo, u_lobe, u, mode) else { continue };
+                    assert!(s.wi.is_normalized(), "{name} {wo} {s:?}");
+                    assert!(s.weight.is_finite() && s.weight.min_element() >= 0.0, "{name} {wo} {s:?}");
+                    let crosses = wo.z * s.wi.z < 0.0;
+                    assert!(crosses || s.eta == 1.0, "{name} {wo} {s:?}");
+                    assert!(if s.delta { bsdf.has_delta() } else { bsdf.has_smooth() }, "{name}");
+                    if s.delta {
+                        continue;
+                    }
+                    let pdf_w = bsdf.pdf_w(wo, s.wi);
+                    let f = bsdf.eval(wo, s.wi, mode, Share::All);
+                    assert!(close(pdf_w, s.pdf_w, 4e-3), "{name} {wo} {s:?} {pdf_w}");
+                    assert!(
+                        (f - s.weight * pdf_w).abs().max_element() <= 4e-3 * f.max_element() + 1e-5,
+                        "{name} {wo} {s:?} {}",
+                        f / pdf_w
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn no_more_light_leaves_than_arrives() {
+    const N: u64 = 4096;
+    for (name, bsdf) in bsdfs() {
+        for wo in directions() {
+            let mut sum = Rgb::ZERO;
+            for i in 0..N {
+                let (u_lobe, u, _) = random(1, i);
+                sum += bsdf.sample(wo, u_lobe, u, Mode::Flux).map_or(Rgb::ZERO, |s| s.weight);
+            }
+            let albedo = (sum / N as f32).max_element();
+            // Beckmann's shadowing is a fit, within 0.35 %; stratified samples are far better than that.
+            assert!(albedo <= 1.005, "{name} {wo}: {albedo}");
+            assert!(bsdf.scatters_on(wo) || bsdf.transmits() || albedo == 0.0, "{name} {wo}: {albedo}");
+        }
+    }
+}
+
+#[test]
+fn lossless_interfaces_keep_what_shadowing_leaves() {
+    // Smooth enough, no light is lost between facets.
+    let m = Microfacet::new(Distribution::Beckmann, 0.01, 0.01);
+    for bsdf in [
+        Bsdf::rough_dielectric(1.5, m, Rgb::ONE, Rgb::ONE),
+        Bsdf::rough_conductor(Rgb::ZERO, Rgb::ONE, m, Rgb::ONE),
+        Bsdf::dielectric(1.5, Rgb::ONE, Rgb::ONE),
+        Bsdf::thin_dielectric(1.5, Rgb::ONE, Rgb::ONE),
+    ] {
+        let wo = Vec3::new(0.6, 0.0, 0.8);
+        let weight = |i| {
+            let (u_lobe, u, _) = random(2, i);
+            bsdf.sample(wo, u_lobe, u, Mode::Flux).map_or(0.0, |s| s.weight.x)
+        };
+        let mean = (0..4096).map(weight).sum::<f32>() / 4096.0;
+        assert!((mean - 1.0).abs() < 1e-3, "{bsdf:?}: {mean}");
+    }
+}
+
+#[test]
+fn light_takes_the_same_way_back() {
+    // Veach 1997, Eq. 5.14: f(wo, wi) of radiance is f(wi, wo) of flux, and without refraction f is symmetric.
+    for (name, bsdf) in bsdfs() {
+        let mut crossed = 0;
+        for wo in directions() {
+            for i in 0..200 {
+                let (u_lobe, u, mut sampler) = random(3, i);
+                let wi = match bsdf.sample(wo, u_lobe, u, Mode::Radiance) {
+                    Some(s) if i % 2 == 0 => s.wi,
+                    _ => warp::sphere(sampler.next_2d()),
+                };
+                if wi.z.abs() < 1e-3 {
+                    continue;
+                }
+                let there = bsdf.eval(wo, wi, Mode::Radiance, Share::All) / wi.z.abs();
+                let back = bsdf.eval(wi, wo, Mode::Flux, Share::All) / wo.z.abs();
+                crossed += (there.x > 0.0 && wo.z * wi.z < 0.0) as u32;
+                for c in 0..3 {
+                    assert!(close(there[c], back[c], 2e-3), "{name} {wo} {wi}: {there} {back}");
+                }
+            }
+        }
+        assert_eq!(crossed > 0, name.contains("rough_dielectric"), "{name}");
+    }
+}
+
+#[test]
+fn radiance_is_compressed_by_the_square_of_the_index() {
+    let m = Microfacet::new(Distribution::Ggx, 0.2, 0.2);
+    for bsdf in
+        [Bsdf::dielectric(1.5, Rgb::ONE, Rgb::ONE), Bsdf::rough_dielectric(1.5, m, Rgb::ONE, Rgb::ONE)]
+    {
+        for wo in [Vec3::new(0.6, 0.0, 0.8), Vec3::new(0.3, 0.4, -0.866_025_4)] {
+            let mut refracted = 0;
+            for i in 0..100 {
+                let (u_lobe, u, _) = random(4, i);
+                let sample = |mode| bsdf.sample(wo, u_lobe, u, mode);
+                let (Some(radiance), Some(flux)) = (sample(Mode::Radiance), sample(Mode::Flux)) else {
+                    continue;
+                };
+                let eta = match (flux.wi.z * wo.z < 0.0, wo.z > 0.0) {
+                    (false, _) => 1.0,
+                    (true, true) => 1.5,
+                    (true, false) => 1.0 / 1.5,
+                };
+                refracted += (eta != 1.0) as u32;
+                assert_eq!(radiance.wi, flux.wi);
+                assert!((radiance.eta - eta).abs() < 1e-6);
+                assert!(close(radiance.weight.x * eta * eta, flux.weight.x, 1e-5));
+            }
+            assert!(refracted > 50);
+        }
+    }
+}
+
+#[test]
+fn refraction_obeys_snell() {
+    let bsdf = Bsdf::dielectric(1.5, Rgb::ONE, Rgb::ONE);
+    let s = bsdf.sample(Vec3::new(0.6, 0.0, 0.8), 0.999, Vec2::ZERO, Mode::Flux).unwrap();
+    assert!((s.wi - Vec3::new(-0.4, 0.0, -(1.0f32 - 0.16).sqrt())).length() < 1e-6);
+    // 60° from inside is beyond the critical angle of 41.8°.
+    let s = bsdf.sample(Vec3::new(0.866_025_4, 0.0, -0.5), 0.999, Vec2::ZERO, Mode::Flux).unwrap();
+    assert_eq!((s.wi, s.eta), (Vec3::new(-0.866_025_4, 0.0, -0.5), 1.0));
+}
+
+#[test]
+fn extremes_stay_finite() {
+    let tiny = 1e-6f32;
+    let coatings = [Distribution::Beckmann, Distribution::Ggx].map(|d| RoughCoating::new(1.5, 0.0, d));
+    let mut bsdfs = Vec::new();
+    for distribution in [Distribution::Beckmann, Distribution::Ggx] {
+        for (alpha_u, alpha_v) in [(0.0, 0.0), (1e-4, 1.0), (1.0, 1.0), (f32::NAN, 0.1)] {
+            let m = Microfacet::new(distribution, alpha_u, alpha_v);
+            bsdfs.push(Bsdf::rough_conductor(METAL_ETA, METAL_K, m, Rgb::ONE));
+            bsdfs.push(Bsdf::rough_dielectric(1.5, m, Rgb::ONE, Rgb::ONE));
+            bsdfs.push(Bsdf::rough_dielectric(1.0 / 2.4, m, Rgb::ONE, Rgb::ONE));
+            bsdfs.push(Bsdf::rough_dielectric(1.0, m, Rgb::ONE, Rgb::ONE));
+        }
+    }
+    for coating in &coatings {
+        bsdfs.push(Bsdf::rough_plastic(coating, Rgb::ONE, Rgb::ONE, true));
+        bsdfs.push(Bsdf::rough_plastic(coating, Rgb::ZERO, Rgb::ZERO, false));
+    }
+    bsdfs.push(Bsdf::plastic(Coating::new(1.5), Rgb::ZERO, Rgb::ZERO, false));
+    bsdfs.push(Bsdf::plastic(Coating::new(1.0), Rgb::ONE, Rgb::ONE, true));
+    bsdfs.push(Bsdf::conductor(METAL_ETA, METAL_K, Rgb::ONE));
+    bsdfs.push(Bsdf::dielectric(1.5, Rgb::ONE, Rgb::ONE));
+
+    let mut wos: Vec<Vec3> = directions().collect();
+    for z in [tiny, 1e-20, 1e-38, 0.0, -0.0] {
+        wos.extend([Vec3::new(1.0, 0.0, z), Vec3::new(0.6, -0.8, -z)]);
+    }
+    wos.push(Vec3::new(tiny, 0.0, 1.0));
+    let corners = [0.0, tiny, 0.5, 1.0 - f32::EPSILON / 2.0];
+    for bsdf in &bsdfs {
+        let check = |wo, wi, mode| {
+            let f = bsdf.eval(wo, wi, mode, Share::All);
+            let pdf_w = bsdf.pdf_w(wo, wi);
+            assert!(f.is_finite() && f.min_element() >= 0.0, "{bsdf:?} {wo} {wi}: {f}");
+            assert!(pdf_w.is_finite() && pdf_w >= 0.0, "{bsdf:?} {wo} {wi}: {pdf_w}");
+        };
+        for &wo in &wos {
+            for &wi in &wos {
+                check(wo, wi, Mode::Radiance);
+                check(wo, -wi, Mode::Flux);
+            }
+            for u_lobe in corners {
+                for (x, y) in corners.into_iter().flat_map(|x| corners.map(|y| (x, y))) {
+                    let Some(s) = bsdf.sample(wo, u_lobe, Vec2::new(x, y), Mode::Radiance) else { continue };
+                    let finite = s.wi.is_finite() && s.weight.is_finite() && s.pdf_w.is_finite();
+                    assert!(finite && s.weight.min_element() >= 0.0, "{bsdf:?} {wo} {s:?}");
+                    check(wo, s.wi, Mode::Radiance);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn broad_and_sharp_shares_sum_up() {
+    assert_eq!([sharp_eye(0.0), sharp_eye(0.05), sharp_eye(0.25), sharp_eye(1.0)], [1.0, 1.0, 0.0, 0.0]);
+    assert_eq!(
+        [sharp_light(0.0), sharp_light(0.3), sharp_light(0.8), sharp_light(1.0)],
+        [1.0, 1.0, 0.0, 0.0]
+    );
+    for i in 0..100 {
+        let (a, b) = (i as f32 / 100.0, (i + 1) as f32 / 100.0);
+        assert!(sharp_eye(a) >= sharp_eye(b) && sharp_light(a) >= sharp_light(b));
+    }
+
+    for (name, bsdf) in bsdfs() {
+        let mut differs = false;
+        for wo in directions() {
+            for i in 0..50 {
+                let (u_lobe, u, _) = random(6, i);
+                let Some(s) = bsdf.sample(wo, u_lobe, u, Mode::Flux) else { continue };
+                let part = |share| bsdf.eval(wo, s.wi, Mode::Flux, share);
+                let all = part(Share::All);
+                differs |= part(Share::BroadLight) != all;
+                for (share, alpha) in [
+                    (Share::BroadEye, bsdf.roughness().map(sharp_eye)),
+                    (Share::BroadLight, bsdf.roughness().map(sharp_light)),
+                ] {
+                    let (broad, sharp) = (part(share), alpha.unwrap_or(0.0));
+                    assert!((all - broad).min_element() >= -1e-6 * all.max_element(), "{name}");
+                    if !name.contains("plastic") {
+                        // Only microfacet lobes: in proportion.
+                        assert!((broad - all * (1.0 - sharp)).length() <= 1e-5 * all.length(), "{name}");
+                    }
+                }
+            }
+        }
+        assert_eq!(differs, bsdf.has_rough(), "{name}");
+    }
+
+    // A diffuse base counts in full, the coating in proportion: compare with the base alone.
+    let (wo, wi) = (Vec3::new(0.6, 0.0, 0.8), Vec3::new(-0.6, 0.0, 0.8));
+    let eval = |specular, share| {
+        Bsdf::rough_plastic(&COATINGS.rough, PAINT, specular, false).eval(wo, wi, Mode::Flux, share)
+    };
+    let base = eval(Rgb::ZERO, Share::All);
+    let coated = eval(Rgb::ONE, Share::All) - base;
+    let broad = eval(Rgb::ONE, Share::BroadLight) - base;
+    assert!((broad - coated * (1.0 - sharp_light(0.6))).length() < 1e-5 && broad.x > 0.0);
+}
+
+#[test]
+fn masks_let_light_through() {
+    let bsdf = Bsdf::diffuse(PAINT).masked(0.3);
+    let (wo, wi) = (Vec3::new(0.6, 0.0, 0.8), Vec3::new(0.0, 0.6, 0.8));
+    for wo in [wo, -wo] {
+        let s = bsdf.sample(wo, 0.3, Vec2::splat(0.4), Mode::Radiance).unwrap();
+        assert_eq!((s.wi, s.weight, s.delta, s.eta), (-wo, Rgb::ONE, true, 1.0));
+    }
+    let s = bsdf.sample(wo, 0.29, Vec2::splat(0.4), Mode::Radiance).unwrap();
+    assert!(!s.delta && (s.weight - PAINT).length() < 1e-6);
+    assert!(bsdf.sample(-wo, 0.29, Vec2::splat(0.4), Mode::Radiance).is_none());
+    let opaque = Bsdf::diffuse(PAINT);
+    let eval = |b: Bsdf| b.eval(wo, wi, Mode::Flux, Share::All);
+    assert!((eval(bsdf) - 0.3 * eval(opaque)).length() < 1e-6);
+    assert!((bsdf.pdf_w(wo, wi) - 0.3 * opaque.pdf_w(wo, wi)).abs() < 1e-6);
+    // Masks multiply, and a mask of a mask of nothing is nothing.
+    assert!((eval(bsdf.masked(0.5)) - 0.15 * eval(opaque)).length() < 1e-6);
+    assert!(bsdf.masked(0.0).is_null() && !bsdf.masked(0.0).has_smooth());
+    assert!(bsdf.masked(0.0).sample(wo, 0.0, Vec2::ZERO, Mode::Flux).unwrap().delta);
+}
+
+#[test]
+fn two_sided_mirrors() {
+    for (name, bsdf) in bsdfs() {
+        let both = bsdf.two_sided();
+        for wo in directions().filter(|w| w.z > 0.0) {
+            for i in 0..50 {
+                let (u_lobe, u, _) = random(7, i);
+                let Some(s) = both.sample(wo, u_lobe, u, Mode::Flux) else { continue };
+                let eval = |b: &Bsdf, wo, wi| (b.eval(wo, wi, Mode::Flux, Share::All), b.pdf_w(wo, wi));
+                assert_eq!(eval(&bsdf, wo, s.wi), eval(&both, wo, s.wi), "{name}");
+                if bsdf.kind.transmits() {
+                    continue;
+                }
+                assert_eq!(eval(&both, mirror(wo), mirror(s.wi)), eval(&both, wo, s.wi), "{name}");
+                if s.wi.z > 0.0 {
+                    assert_eq!(eval(&both, wo, mirror(s.wi)).1, 0.0, "{name}");
+                }
+                let back = both.sample(mirror(wo), u_lobe, u, Mode::Flux).unwrap();
+                assert_eq!((back.wi, back.weight), (mirror(s.wi), s.weight), "{name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn predicates() {
+    for (name, bsdf) in bsdfs() {
+        let rough = name.contains("rough");
+        let diffuse = name.contains("diffuse");
+        assert_eq!(bsdf.has_smooth(), rough || diffuse || name.contains("plastic"), "{name}");
+        assert_eq!(bsdf.has_delta(), !(rough || diffuse) || name.contains("masked"), "{name}");
+        assert_eq!(bsdf.is_null(), name == "null");
+        assert_eq!(bsdf.diffuse_only().is_some(), diffuse, "{name}");
+        let albedo = bsdf.albedo();
+        assert!(albedo.min_element() > 0.0 && albedo.max_element() <= 1.0, "{name}: {albedo}");
+    }
+    let wi = Vec3::new(0.0, 0.6, 0.8);
+    let bsdf = Bsdf::diffuse(PAINT).masked(0.3);
+    let f = bsdf.eval(Vec3::Z, wi, Mode::Flux, Share::All) / wi.z;
+    assert!((bsdf.diffuse_only().unwrap() - f).length() < 1e-6);
+}
+
+#[test]
+fn albedo_is_what_samples_average_to() {
+    for (name, bsdf) in bsdfs() {
+        // All of a diffusely lit surface, by cosine-weighted directions.
+        let mut sum = Rgb::ZERO;
+        for i in 0..8192 {
+            let (u_lobe, u, mut sampler) = random(8, i);
+            let wo = warp::cosine_hemisphere(sampler.next_2d());
+            sum += bsdf.sample(wo, u_lobe, u, Mode::Flux).map_or(Rgb::ZERO, |s| s.weight);
+        }
+        let error = (bsdf.albedo() - sum / 8192.0).abs().max_element();
+        // Facets of Smith's model lose what bounces between them, the more the rougher.
+        let tolerance = 0.07 + 0.6 * bsdf.roughness().unwrap_or(0.0);
+        assert!(error < tolerance, "{name}: {} {}", bsdf.albedo(), sum / 8192.0);
+    }
+}
