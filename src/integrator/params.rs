@@ -1,18 +1,17 @@
 //! The integrators' parameters, their names, defaults and ranges.
 
+use crate::photon::Kernel;
 use crate::{Error, Result};
 
-/// Kernels of density estimation. All are normalised over the disk.
+/// Where direct light at surfaces that the camera sees comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kernel {
-    /// The same weight everywhere.
-    Constant,
-    /// Falling linearly.
-    Cone,
-    /// 2(1 − d²): least asymptotic error.
-    Epanechnikov,
-    /// 3(1 − d²)²: smooth at the rim.
-    Biweight,
+pub enum DirectLight {
+    /// From lights, sampled.
+    Sample,
+    /// From the global map; only without final gathering, which uses the map elsewhere.
+    Map,
+    /// It is left out.
+    Off,
 }
 
 /// Parameters of the integrators, with their defaults.
@@ -34,6 +33,8 @@ pub struct Params {
     pub kernel: Kernel,
     /// `final_gather`: gather indirect light over the global map (default), or show the map directly.
     pub final_gather: bool,
+    /// `direct`: direct light is taken by `sample` (default), from the `map`, or is `off`.
+    pub direct: DirectLight,
     /// `alpha`: how fast the lookup radius shrinks from pass to pass, in (0, 1] where 1 keeps it (2/3).
     pub alpha: f32,
     /// `max_depth`: longest path in segments, −1 for no limit (default); 1 shows only what lights emit.
@@ -55,6 +56,7 @@ impl Default for Params {
             caustic_radius: 0.05,
             kernel: Kernel::Epanechnikov,
             final_gather: true,
+            direct: DirectLight::Sample,
             alpha: 2.0 / 3.0,
             max_depth: -1,
             rr_depth: 5,
@@ -108,6 +110,14 @@ impl Params {
                 }
             }
             "final_gather" => self.final_gather = boolean(name, value)?,
+            "direct" => {
+                self.direct = match value.trim() {
+                    "sample" => DirectLight::Sample,
+                    "map" => DirectLight::Map,
+                    "off" => DirectLight::Off,
+                    _ => return out_of_range("one of sample, map, off"),
+                }
+            }
             "alpha" => match number::<f32>(name, value)? {
                 a if a > 0.0 && a <= 1.0 => self.alpha = a,
                 _ => return out_of_range("above 0 and at most 1"),
@@ -124,10 +134,15 @@ impl Params {
             _ => {
                 return Err(Error::Usage(format!(
                     "unknown parameter '{name}': known are global_photons, caustic_photons, global_k, caustic_k, \
-                     global_radius, caustic_radius, kernel, final_gather, alpha, max_depth, rr_depth, hide_emitters"
+                     global_radius, caustic_radius, kernel, final_gather, direct, alpha, max_depth, rr_depth, hide_emitters"
                 )));
             }
         }
         Ok(())
+    }
+
+    /// `max_depth` as a number of segments.
+    pub fn max_segments(&self) -> u32 {
+        if self.max_depth < 0 { u32::MAX } else { self.max_depth as u32 }
     }
 }

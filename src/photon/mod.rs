@@ -1,1 +1,12 @@
-//! Photon emission, transport, maps and density estimation.
+//! Photons: emission and transport ([`trace`]), storage ([`PhotonMap`]), lookup in a [`kdtree`] that knows only
+//! points, and density estimation ([`Estimator`]).
+
+mod estimate;
+pub mod kdtree;
+mod map;
+mod octahedral;
+mod trace;
+
+pub use estimate::{Estimator, Kernel};
+pub use map::{Photon, PhotonMap};
+pub use trace::{Store, Traced, adjoint_correction, trace};

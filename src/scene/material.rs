@@ -27,6 +27,22 @@ impl Roughness {
     }
 }
 
+/// What kinds of lobes a material has, whatever its textures say.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lobes {
+    /// Something other than delta lobes: photons can be stored and light can be sampled.
+    pub smooth: bool,
+    /// Delta or rough lobes, which can focus light: caustics are possible.
+    pub sharp: bool,
+}
+
+impl Lobes {
+    /// What either has.
+    pub fn union(self, other: Lobes) -> Lobes {
+        Lobes { smooth: self.smooth | other.smooth, sharp: self.sharp | other.sharp }
+    }
+}
+
 /// A material; [`Material::bsdf`] looks its textures up. The parameters are those of [`Bsdf`]'s constructors.
 #[derive(Clone, Debug)]
 pub enum Material {
@@ -163,6 +179,27 @@ impl Material {
                 nested.bsdf(textures, uv, from_front).masked(opacity.eval(textures, uv))
             }
         }
+    }
+
+    /// The kinds of lobes it has.
+    pub fn lobes(&self) -> Lobes {
+        let (smooth, sharp) = match self {
+            Material::Null
+            | Material::Conductor { .. }
+            | Material::Dielectric { .. }
+            | Material::ThinDielectric { .. } => (false, true),
+            Material::Diffuse { .. } => (true, false),
+            Material::RoughConductor { .. }
+            | Material::RoughDielectric { .. }
+            | Material::Plastic { .. }
+            | Material::RoughPlastic { .. } => (true, true),
+            Material::TwoSided { front, back } => {
+                return back.iter().fold(front.lobes(), |lobes, back| lobes.union(back.lobes()));
+            }
+            // Light goes straight through the holes.
+            Material::Mask { nested, .. } => (nested.lobes().smooth, true),
+        };
+        Lobes { smooth, sharp }
     }
 
     /// Whether the shading frame must be aligned with ∂p/∂u.

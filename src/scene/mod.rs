@@ -13,7 +13,7 @@ mod serialized;
 mod spectrum;
 
 pub use load::load;
-pub use material::{Material, Roughness};
+pub use material::{Lobes, Material, Roughness};
 
 use crate::accel::{self, Backend, Intersector};
 use crate::bsdf::Bsdf;
@@ -154,6 +154,12 @@ impl Scene {
         })
     }
 
+    /// The lobes that occur anywhere in the scene.
+    pub fn lobes(&self) -> Lobes {
+        let materials = self.shape_material.iter().map(|&m| &self.materials[m as usize]);
+        materials.fold(Lobes::default(), |lobes, material| lobes.union(material.lobes()))
+    }
+
     /// The material of a shape.
     pub fn material(&self, shape: u32) -> &Material {
         &self.materials[self.shape_material[shape as usize] as usize]
@@ -189,7 +195,7 @@ impl Scene {
             n_g: point.n_g,
             frame,
             uv: point.uv,
-            bsdf: material.bsdf(&self.textures, point.uv, ray.d.dot(frame.n) < 0.0),
+            bsdf: material.bsdf(&self.textures, point.uv, ray.d.dot(point.n_s) <= 0.0),
             light: self.shape_light[hit.shape as usize],
             shape: hit.shape,
             magnitude: point.magnitude,

@@ -1,0 +1,110 @@
+//! Direct light at a surface, by light sampling and BSDF sampling combined by multiple importance sampling (Veach &
+//! Guibas 1995, power heuristic).
+
+use crate::bsdf::{Mode, Share};
+use crate::math::{Ray, Rgb, Sampler};
+use crate::scene::{Scene, Surface};
+use glam::Vec3;
+
+/// Power heuristic with exponent 2 for one sample of each of two strategies: the weight of the one with pdf `a`.
+pub(super) fn power_heuristic(a: f32, b: f32) -> f32 {
+    // Divided through by the larger pdf, so that no square overflows.
+    if a >= b {
+        let r = b / a;
+        if a > 0.0 && a.is_finite() { 1.0 / (1.0 + r * r) } else { 1.0 }
+    } else {
+        let r = a / b;
+        if b.is_finite() { r * r / (1.0 + r * r) } else { 0.0 }
+    }
+}
+
+/// A light sample that reaches the surface, and how it is weighted against BSDF sampling.
+pub(super) struct Lit {
+    /// Direction to the light, local.
+    pub(super) wi: Vec3,
+    /// Light over pdf, times the weight against BSDF sampling, times nothing of the BSDF.
+    pub(super) light: Rgb,
+    /// f·|cosθ_i| of all non-delta lobes.
+    pub(super) f: Rgb,
+}
+
+/// Samples one light from `s`, and tests whether it is seen. `rays` counts the shadow ray.
+pub(super) fn sample_light(
+    scene: &Scene,
+    s: &Surface,
+    wo: Vec3,
+    sampler: &mut Sampler,
+    rays: &mut u64,
+) -> Option<Lit> {
+    let (u_light, u) = (sampler.next_1d(), sampler.next_2d());
+    let light = scene.lights.sample_direct(&scene.geometry, &scene.textures, s.p, u_light, u)?;
+    let wi = s.frame.to_local(light.wi);
+    let f = s.bsdf.eval(wo, wi, Mode::Radiance, Share::All);
+    // Written so that a NaN ends here.
+    if !(f.max_element() > 0.0) {
+        return None;
+    }
+    let ray = match light.target {
+        Some(target) => s.spawn_to(target),
+        None => s.spawn(light.wi),
+    };
+    *rays += 1;
+    if scene.occluded(&ray) {
+        return None;
+    }
+    let mis = if light.delta { 1.0 } else { power_heuristic(light.pdf_w, s.bsdf.pdf_w(wo, wi)) };
+    Some(Lit { wi, light: light.weight * mis, f })
+}
+
+/// The previous vertex of a path, as far as weighting an emitter that BSDF sampling has found needs it.
+#[derive(Clone, Copy)]
+pub(super) struct Previous {
+    /// Its position.
+    pub(super) p: Vec3,
+    /// Pdf of the direction taken; `None` if no light sample could have taken it (camera, delta lobe).
+    pub(super) pdf_w: Option<f32>,
+}
+
+/// Radiance that `s` emits back along `ray`, weighted against light sampling at the previous vertex.
+pub(super) fn emitted(scene: &Scene, s: &Surface, ray: &Ray, previous: &Previous) -> Rgb {
+    let Some(light) = s.light else { return Rgb::ZERO };
+    let radiance = scene.emitted(s, -ray.d);
+    match previous.pdf_w {
+        Some(pdf_w) if radiance != Rgb::ZERO => {
+            let other = scene.lights.pdf_emitted_w(light, &scene.geometry, previous.p, ray.d, s.p, s.n_g);
+            radiance * power_heuristic(pdf_w, other)
+        }
+        _ => radiance,
+    }
+}
+
+/// Radiance of the environment along `ray`, weighted against light sampling at the previous vertex.
+pub(super) fn background(scene: &Scene, ray: &Ray, previous: &Previous) -> Rgb {
+    let radiance = scene.lights.background(ray.d);
+    match previous.pdf_w {
+        Some(pdf_w) if radiance != Rgb::ZERO => {
+            radiance * power_heuristic(pdf_w, scene.lights.pdf_background_w(ray.d))
+        }
+        _ => radiance,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::power_heuristic;
+
+    #[test]
+    fn weights_of_two_strategies_add_to_one_over_all_magnitudes() {
+        let pdfs = [1e-38f32, 1e-20, 1e-3, 1.0, 7.0, 1e18, 1e30, 3e38];
+        for a in pdfs {
+            for b in pdfs {
+                let sum = power_heuristic(a, b) + power_heuristic(b, a);
+                assert!((sum - 1.0).abs() < 1e-6, "{a} {b}: {sum}");
+            }
+            assert_eq!(power_heuristic(a, 0.0), 1.0);
+            assert_eq!(power_heuristic(0.0, a), 0.0);
+            assert_eq!(power_heuristic(f32::INFINITY, a), 1.0);
+            assert_eq!(power_heuristic(a, f32::INFINITY), 0.0);
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! The reference: a unidirectional path tracer with multiple importance sampling and Russian roulette. It uses no
+//! photons, but sorts what it finds into the same [`Parts`] as photon mapping, so each part can be checked alone.
+
+use super::direct::{self, Previous};
+use super::{Params, Parts, Seen};
+use crate::bsdf::{Mode, Share};
+use crate::math::{Ray, Rgb, Sampler};
+use crate::scene::Scene;
+
+/// Path throughput, split by the part that light found from here on will belong to.
+struct Throughput {
+    /// The first vertex scattered by a sharp lobe.
+    specular: Rgb,
+    /// The first vertex scattered by a broad lobe, all others by sharp ones.
+    caustic: Rgb,
+    /// The rest.
+    indirect: Rgb,
+}
+
+impl Throughput {
+    fn total(&self) -> Rgb {
+        self.specular + self.caustic + self.indirect
+    }
+
+    /// After scattering at vertex number `vertex` by a lobe of which `full` comes through in all, `broad` as light
+    /// sees it, `broad_eye` as the eye sees it.
+    fn scatter(&self, vertex: u32, full: Rgb, broad: Rgb, broad_eye: Rgb) -> Throughput {
+        if vertex == 1 {
+            let before = self.total();
+            Throughput {
+                specular: before * (full - broad_eye),
+                caustic: before * broad_eye,
+                indirect: Rgb::ZERO,
+            }
+        } else {
+            Throughput {
+                specular: self.specular * full,
+                caustic: self.caustic * (full - broad),
+                indirect: self.indirect * full + self.caustic * broad,
+            }
+        }
+    }
+
+    /// `light` found after `bounces` of which the first was a delta one or not.
+    fn parts(&self, light: Rgb, bounces: u32, first_delta: bool) -> Parts {
+        if bounces == 0 || (bounces == 1 && !first_delta) {
+            return Parts { direct: self.total() * light, ..Parts::default() };
+        }
+        Parts {
+            direct: Rgb::ZERO,
+            specular: self.specular * light,
+            caustic: self.caustic * light,
+            indirect: self.indirect * light,
+        }
+    }
+}
+
+/// Radiance along `ray`.
+pub(super) fn radiance(
+    scene: &Scene,
+    params: &Params,
+    mut ray: Ray,
+    sampler: &mut Sampler,
+    seen: &mut Seen,
+    rays: &mut u64,
+) -> Parts {
+    let mut sum = Parts::default();
+    let mut beta = Throughput { specular: Rgb::ONE, caustic: Rgb::ZERO, indirect: Rgb::ZERO };
+    let mut eta = 1.0;
+    let mut previous = Previous { p: ray.o, pdf_w: None };
+    let mut first_delta = false;
+    let max_depth = params.max_segments();
+    for depth in 1..=max_depth {
+        *rays += 1;
+        let bounces = depth - 1;
+        let visible = bounces > 0 || !params.hide_emitters;
+        let Some(s) = scene.hit(&ray) else {
+            if visible {
+                sum += beta.parts(direct::background(scene, &ray, &previous), bounces, first_delta);
+            }
+            break;
+        };
+        if depth == 1 {
+            *seen = Seen::new(&s, &ray);
+        }
+        if visible {
+            sum += beta.parts(direct::emitted(scene, &s, &ray, &previous), bounces, first_delta);
+        }
+        if depth == max_depth {
+            break;
+        }
+
+        let wo = s.frame.to_local(-ray.d);
+        let broad = |wi, share, full: Rgb| match s.bsdf.has_rough() {
+            true => s.bsdf.eval(wo, wi, Mode::Radiance, share),
+            false => full,
+        };
+        if s.bsdf.has_smooth() {
+            if let Some(lit) = direct::sample_light(scene, &s, wo, sampler, rays) {
+                let next = beta.scatter(
+                    depth,
+                    lit.f,
+                    broad(lit.wi, Share::BroadLight, lit.f),
+                    broad(lit.wi, Share::BroadEye, lit.f),
+                );
+                sum += next.parts(lit.light, depth, first_delta);
+            }
+        }
+
+        let Some(sample) = s.bsdf.sample(wo, sampler.next_1d(), sampler.next_2d(), Mode::Radiance) else {
+            break;
+        };
+        beta = if sample.delta {
+            first_delta |= depth == 1;
+            beta.scatter(depth, sample.weight, Rgb::ZERO, Rgb::ZERO)
+        } else {
+            let full = sample.weight * sample.pdf_w;
+            let scale = 1.0 / sample.pdf_w;
+            beta.scatter(
+                depth,
+                sample.weight,
+                broad(sample.wi, Share::BroadLight, full) * scale,
+                broad(sample.wi, Share::BroadEye, full) * scale,
+            )
+        };
+        eta *= sample.eta;
+        previous = Previous { p: s.p, pdf_w: (!sample.delta).then_some(sample.pdf_w) };
+        ray = s.spawn(s.frame.to_world(sample.wi));
+
+        if depth >= params.rr_depth {
+            // eta² undoes the scaling of radiance inside glass, which says nothing about what the path will find.
+            let survival = (beta.total().max_element() * eta * eta).min(0.95);
+            // Written so that a NaN ends the path.
+            if !(sampler.next_1d() < survival) {
+                break;
+            }
+            let scale = 1.0 / survival;
+            beta.specular *= scale;
+            beta.caustic *= scale;
+            beta.indirect *= scale;
+        }
+    }
+    sum
+}

@@ -1,0 +1,58 @@
+//! What a scene needs, derived before the first pass: stages that cannot contribute are skipped, with the reason.
+
+use super::{Kind, Options, Skipped};
+use crate::scene::Scene;
+
+/// The work of each pass.
+#[derive(Clone, Debug)]
+pub(super) struct Plan {
+    /// Photon paths for the global map; 0 if it is skipped.
+    pub(super) global_photons: u64,
+    /// Photon paths for the caustic map; 0 if it is skipped.
+    pub(super) caustic_photons: u64,
+    /// Radius of the scene, which relative lookup radii refer to.
+    pub(super) radius: f32,
+    /// What is skipped.
+    pub(super) skipped: Vec<Skipped>,
+}
+
+impl Plan {
+    pub(super) fn new(scene: &Scene, options: &Options) -> Plan {
+        let params = &options.params;
+        let pixels = scene.film.crop.2 as u64 * scene.film.crop.3 as u64;
+        // Photons are cheaper than camera samples and shared by all pixels: a few for each.
+        let auto = |n: u64| if n == 0 { (4 * pixels).clamp(50_000, 2_000_000) } else { n };
+        let mut plan = Plan {
+            global_photons: auto(params.global_photons),
+            caustic_photons: auto(params.caustic_photons),
+            radius: scene.bounds.radius(),
+            skipped: Vec::new(),
+        };
+        if options.integrator == Kind::Path {
+            plan.skip_both("the path tracer uses no photons");
+            return plan;
+        }
+        let lobes = scene.lobes();
+        if scene.lights.lights().is_empty() {
+            plan.skip_both("there are no lights");
+        } else if !lobes.smooth {
+            plan.skip_both("no surface scatters by anything but delta lobes, so no photon could be stored");
+        } else if params.max_segments() <= 2 && params.direct == super::DirectLight::Sample {
+            plan.skip_both("max_depth leaves nothing but direct light");
+        } else if !lobes.sharp {
+            plan.skip_caustic("no surface has a sharp lobe that could focus light");
+        }
+        plan
+    }
+
+    fn skip_both(&mut self, reason: &str) {
+        self.global_photons = 0;
+        self.skipped.push(Skipped { stage: "global map", reason: reason.into() });
+        self.skip_caustic(reason);
+    }
+
+    fn skip_caustic(&mut self, reason: &str) {
+        self.caustic_photons = 0;
+        self.skipped.push(Skipped { stage: "caustic map", reason: reason.into() });
+    }
+}

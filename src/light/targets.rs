@@ -1,0 +1,214 @@
+//! Aiming photons: spheres around everything that can focus light, and how to emit towards them.
+//!
+//! Light whose *first* hit is a sharp surface meets one of the spheres, so emission may be confined to them and stays
+//! unbiased for caustics. Where spheres overlap as seen from the light, the density is the sum over all that hold the
+//! ray, whichever was chosen (one-sample balance heuristic).
+
+use crate::math::{Discrete, Frame, warp};
+use crate::shape::Bounds;
+use glam::{Vec2, Vec3};
+use std::f32::consts::PI;
+
+#[derive(Clone, Copy, Debug)]
+struct Sphere {
+    center: Vec3,
+    radius: f32,
+}
+
+/// Where photons are aimed; by default nowhere in particular.
+#[derive(Clone, Debug, Default)]
+pub struct Targets {
+    spheres: Vec<Sphere>,
+    by_cross_section: Discrete,
+}
+
+impl Targets {
+    /// More spheres cost more per photon than they save.
+    const MAX: usize = 32;
+
+    /// Spheres around `boxes`, of which neighbours share a sphere if there are many.
+    pub fn new(mut boxes: Vec<Bounds>) -> Targets {
+        boxes.retain(|b| !b.is_empty() && b.radius().is_finite());
+        let mut groups = Vec::new();
+        group(&mut boxes, Self::MAX, &mut groups);
+        let spheres: Vec<Sphere> = groups
+            .iter()
+            .map(|b| {
+                // A margin for what rounding does to positions and directions at the rim.
+                let rounding = 16.0 * f32::EPSILON * b.min.abs().max(b.max.abs()).max_element();
+                Sphere { center: b.center(), radius: b.radius() * 1.001 + rounding }
+            })
+            .collect();
+        let by_cross_section = Discrete::new(spheres.iter().map(|s| s.radius * s.radius));
+        Targets { spheres, by_cross_section }
+    }
+
+    /// Aims from `p`, or `None` if the spheres fill so much of the view that there is nothing to gain.
+    pub(super) fn from_point(&self, p: Vec3) -> Option<Aim<'_>> {
+        let solid_angle: f32 = self.spheres.iter().map(|s| s.solid_angle(p)).sum();
+        (solid_angle > 0.0 && solid_angle < PI).then_some(Aim { targets: self, p, solid_angle })
+    }
+
+    /// A point on the plane through the origin across the unit vector `d`, so that the line through it along `d` meets
+    /// a sphere; and the pdf per area. `None` if that would be no better than a disk of radius `world`.
+    pub(super) fn sample_line(&self, d: Vec3, world: f32, u: Vec2) -> Option<(Vec3, f32)> {
+        // The total of the weights radius², that is: areas over π.
+        if self.by_cross_section.total() >= (world * world) as f64 {
+            return None;
+        }
+        let (i, _, ux) = self.by_cross_section.sample(u.x)?;
+        let sphere = &self.spheres[i];
+        let frame = Frame::from_normal(d);
+        let on_disk = warp::disk(Vec2::new(ux, u.y)) * sphere.radius;
+        let p = sphere.center + frame.s * on_disk.x + frame.t * on_disk.y;
+        let p = p - d * d.dot(p);
+        let across = |v: Vec3| v - d * d.dot(v);
+        let holding =
+            self.spheres.iter().filter(|s| across(s.center - p).length_squared() <= s.radius * s.radius).count();
+        Some((p, holding.max(1) as f32 / (PI * self.by_cross_section.total() as f32)))
+    }
+}
+
+impl Sphere {
+    /// 1 − cos of the half-angle under which the sphere is seen from `p`; 2 from inside.
+    fn one_minus_cos(&self, p: Vec3) -> f32 {
+        let sin2 = self.radius * self.radius / self.center.distance_squared(p);
+        if sin2 < 1.0 { sin2 / (1.0 + (1.0 - sin2).sqrt()) } else { 2.0 }
+    }
+
+    fn solid_angle(&self, p: Vec3) -> f32 {
+        2.0 * PI * self.one_minus_cos(p)
+    }
+}
+
+/// [`Targets`] seen from a point.
+pub(super) struct Aim<'a> {
+    targets: &'a Targets,
+    p: Vec3,
+    solid_angle: f32,
+}
+
+impl Aim<'_> {
+    /// A direction towards a sphere, and its pdf_w.
+    pub(super) fn sample(&self, u: Vec2) -> Option<(Vec3, f32)> {
+        let spheres = &self.targets.spheres;
+        let mut rest = u.x * self.solid_angle;
+        let mut chosen = None;
+        for sphere in spheres {
+            let solid_angle = sphere.solid_angle(self.p);
+            if solid_angle > 0.0 {
+                chosen = Some((sphere, (rest / solid_angle).clamp(0.0, 1.0 - 0.5 * f32::EPSILON)));
+                if rest < solid_angle {
+                    break;
+                }
+            }
+            rest -= solid_angle;
+        }
+        let (sphere, ux) = chosen?;
+        let axis = (sphere.center - self.p).try_normalize()?;
+        let d = Frame::from_normal(axis).to_world(warp::cone(Vec2::new(ux, u.y), sphere.one_minus_cos(self.p)));
+        Some((d, self.pdf_w(d)))
+    }
+
+    fn pdf_w(&self, d: Vec3) -> f32 {
+        let holds = |s: &&Sphere| {
+            // The squared sine of the angle to the axis, without cancellation.
+            let to = s.center - self.p;
+            let across = to.cross(d).length_squared();
+            to.dot(d) > 0.0 && across <= s.radius * s.radius
+        };
+        // The direction was sampled towards one of them, whatever rounding says.
+        self.targets.spheres.iter().filter(holds).count().max(1) as f32 / self.solid_angle
+    }
+}
+
+/// Halves the boxes at the middle of the widest spread of centres until `max` groups are left; each becomes the box
+/// around it.
+fn group(boxes: &mut [Bounds], max: usize, out: &mut Vec<Bounds>) {
+    if boxes.len() <= max {
+        out.extend_from_slice(boxes);
+        return;
+    }
+    if max == 1 {
+        out.push(boxes.iter().fold(Bounds::EMPTY, |a, &b| a.union(b)));
+        return;
+    }
+    let centers = boxes.iter().fold(Bounds::EMPTY, |a, b| a.grow(b.center()));
+    let extent = centers.max - centers.min;
+    let axis = (0..3).max_by(|&a, &b| extent[a].total_cmp(&extent[b])).unwrap_or(0);
+    let middle = boxes.len() / 2;
+    boxes.select_nth_unstable_by(middle, |a, b| a.center()[axis].total_cmp(&b.center()[axis]));
+    let (low, high) = boxes.split_at_mut(middle);
+    group(low, max / 2, out);
+    group(high, max - max / 2, out);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{Sampler, Stream};
+
+    fn cube(center: Vec3, half: f32) -> Bounds {
+        Bounds { min: center - half, max: center + half }
+    }
+
+    /// ∫ over the union of the spheres' cones of 1 dω, by sampling and by brute force over all directions.
+    #[test]
+    fn directions_cover_the_union_with_the_stated_pdf() {
+        let targets = Targets::new(vec![
+            cube(Vec3::new(3.0, 0.0, 0.0), 0.3),
+            cube(Vec3::new(4.0, 0.3, 0.0), 0.4),
+            cube(Vec3::new(0.0, -9.0, 1.0), 0.5),
+        ]);
+        let p = Vec3::new(0.1, 0.2, 0.3);
+        let aim = targets.from_point(p).unwrap();
+        let inside = |d: Vec3| {
+            let hit = |s: &Sphere| {
+                let to = s.center - p;
+                to.dot(d) > 0.0 && to.cross(d).length_squared() <= s.radius * s.radius
+            };
+            targets.spheres.iter().any(hit)
+        };
+        let n = 1 << 16;
+        let (mut sampled, mut brute) = (0.0f64, 0.0f64);
+        for i in 0..n {
+            let u = Sampler::new(3, Stream::CausticPhotons, 0, i).next_2d();
+            sampled += 1.0 / aim.sample(u).unwrap().1 as f64;
+            brute += if inside(warp::sphere(u)) { 4.0 * std::f64::consts::PI } else { 0.0 };
+        }
+        let (sampled, brute) = (sampled / n as f64, brute / n as f64);
+        assert!((sampled / brute - 1.0).abs() < 0.02, "{sampled} {brute}");
+    }
+
+    #[test]
+    fn lines_cover_the_union_with_the_stated_pdf() {
+        let targets = Targets::new(vec![cube(Vec3::ZERO, 0.5), cube(Vec3::new(0.4, 0.3, 5.0), 0.5)]);
+        let d = Vec3::new(0.1, 0.2, 0.97).normalize();
+        let n = 1 << 16;
+        let frame = Frame::from_normal(d);
+        let (mut sampled, mut brute) = (0.0f64, 0.0f64);
+        for i in 0..n {
+            let u = Sampler::new(3, Stream::CausticPhotons, 1, i).next_2d();
+            let (p, pdf_a) = targets.sample_line(d, 100.0, u).unwrap();
+            assert!(p.dot(d).abs() < 1e-4);
+            sampled += 1.0 / pdf_a as f64;
+            let q = frame.s * (8.0 * u.x - 4.0) + frame.t * (8.0 * u.y - 4.0);
+            let across = |v: Vec3| v - d * d.dot(v);
+            let hit = targets.spheres.iter().any(|s| across(s.center - q).length() <= s.radius);
+            brute += if hit { 64.0 } else { 0.0 };
+        }
+        assert!((sampled / brute - 1.0).abs() < 0.02, "{sampled} {brute}");
+        assert!(targets.sample_line(d, 0.1, Vec2::splat(0.5)).is_none());
+    }
+
+    #[test]
+    fn many_boxes_share_spheres() {
+        let boxes: Vec<Bounds> = (0..1000).map(|i| cube(Vec3::new(i as f32, 0.0, 0.0), 0.1)).collect();
+        let targets = Targets::new(boxes.clone());
+        assert_eq!(targets.spheres.len(), Targets::MAX);
+        for b in boxes {
+            assert!(targets.spheres.iter().any(|s| s.center.distance(b.center()) <= s.radius));
+        }
+        assert!(Targets::new(vec![]).from_point(Vec3::ZERO).is_none());
+    }
+}

@@ -1,0 +1,125 @@
+//! The photon map: records of 14 bytes in tree order beside the tree's positions, 28 bytes a photon in all.
+
+use super::kdtree::KdTree;
+use super::octahedral::{decode8, decode16, encode8, encode16};
+use crate::math::Rgb;
+use glam::Vec3;
+
+/// A photon where it lands, as transport hands it over.
+#[derive(Clone, Copy, Debug)]
+pub struct Photon {
+    /// Where it landed.
+    pub p: Vec3,
+    /// Unit direction back along its flight, world.
+    pub wi: Vec3,
+    /// Geometric normal of the surface.
+    pub n_g: Vec3,
+    /// Flux, W, already divided by the number of emitted photons.
+    pub flux: Rgb,
+    /// Segments flown, 1 for a photon straight from its light.
+    pub depth: u8,
+}
+
+/// A stored photon. Flux is three 16-bit mantissas with one exponent, so any magnitude keeps 16 bits.
+#[derive(Clone, Copy, Debug)]
+struct Record {
+    wi: [i16; 2],
+    mantissa: [u16; 3],
+    n_g: [i8; 2],
+    exponent: u8,
+    depth: u8,
+}
+
+/// 2^(e − 127 − 16) as a factor of mantissas.
+fn exponent_factor(e: u8) -> f32 {
+    f32::from_bits((e as u32) << 23) * (1.0 / 65536.0)
+}
+
+impl Record {
+    fn new(photon: &Photon) -> Record {
+        // The exponent of the next power of two above the largest channel, so that mantissas stay below 2^16.
+        let e = ((photon.flux.max_element().to_bits() >> 23) + 1).min(254) as u8;
+        let mantissa = (photon.flux / exponent_factor(e)).round().to_array().map(|m| m as u16);
+        Record {
+            wi: encode16(photon.wi),
+            mantissa,
+            n_g: encode8(photon.n_g),
+            exponent: e,
+            depth: photon.depth,
+        }
+    }
+
+    fn flux(&self) -> Rgb {
+        Rgb::from_array(self.mantissa.map(f32::from)) * exponent_factor(self.exponent)
+    }
+}
+
+/// Photons, found by position.
+#[derive(Debug)]
+pub struct PhotonMap {
+    tree: KdTree,
+    records: Vec<Record>,
+}
+
+impl PhotonMap {
+    /// Builds the map; the order of `photons` decides ties, so equal input gives equal maps.
+    pub fn new(photons: &[Photon]) -> PhotonMap {
+        let points: Vec<Vec3> = photons.iter().map(|photon| photon.p).collect();
+        let (tree, order) = KdTree::build(&points);
+        let records = order.iter().map(|&i| Record::new(&photons[i as usize])).collect();
+        PhotonMap { tree, records }
+    }
+
+    /// How many photons it holds.
+    pub fn len(&self) -> usize {
+        self.records.len()
+    }
+
+    /// Whether it is empty.
+    pub fn is_empty(&self) -> bool {
+        self.records.is_empty()
+    }
+
+    /// The tree over the positions; its slots index the photons.
+    pub fn tree(&self) -> &KdTree {
+        &self.tree
+    }
+
+    /// Direction back along the flight of the photon in `slot`.
+    pub fn wi(&self, slot: u32) -> Vec3 {
+        decode16(self.records[slot as usize].wi)
+    }
+
+    /// Geometric normal under the photon in `slot`, good to about a degree.
+    pub fn n_g(&self, slot: u32) -> Vec3 {
+        decode8(self.records[slot as usize].n_g)
+    }
+
+    /// Flux of the photon in `slot`.
+    pub fn flux(&self, slot: u32) -> Rgb {
+        self.records[slot as usize].flux()
+    }
+
+    /// Segments that the photon in `slot` has flown.
+    pub fn depth(&self, slot: u32) -> u32 {
+        self.records[slot as usize].depth as u32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flux_keeps_sixteen_bits_at_any_magnitude() {
+        assert_eq!(std::mem::size_of::<Record>(), 14);
+        for magnitude in [1e-30f32, 1e-7, 1.0, 3.999_999, 4.0, 1e20, 3e38] {
+            let flux = Rgb::new(1.0, 0.37, 0.0) * magnitude;
+            let photon = Photon { p: Vec3::ZERO, wi: Vec3::Z, n_g: Vec3::Z, flux, depth: 1 };
+            let error = (Record::new(&photon).flux() - flux).abs().max_element();
+            assert!(error <= magnitude * 2f32.powi(-15), "{magnitude}: {error}");
+        }
+        let dark = Photon { p: Vec3::ZERO, wi: Vec3::Z, n_g: Vec3::Z, flux: Rgb::ZERO, depth: 1 };
+        assert_eq!(Record::new(&dark).flux(), Rgb::ZERO);
+    }
+}

@@ -1,0 +1,58 @@
+//! Unit vectors in the octahedral parametrisation (Cigolle et al. 2014, "A Survey of Efficient Representations for
+//! Independent Unit Vectors").
+
+use glam::{Vec2, Vec3};
+
+/// `v` mapped to the square [−1, 1]².
+fn project(v: Vec3) -> Vec2 {
+    let p = v.truncate() / (v.x.abs() + v.y.abs() + v.z.abs());
+    if v.z >= 0.0 { p } else { (1.0 - Vec2::new(p.y, p.x).abs()) * sign(p) }
+}
+
+/// The inverse of [`project`].
+fn unproject(p: Vec2) -> Vec3 {
+    let z = 1.0 - p.x.abs() - p.y.abs();
+    let xy = if z >= 0.0 { p } else { (1.0 - Vec2::new(p.y, p.x).abs()) * sign(p) };
+    xy.extend(z).normalize()
+}
+
+fn sign(p: Vec2) -> Vec2 {
+    Vec2::new(1f32.copysign(p.x), 1f32.copysign(p.y))
+}
+
+/// In 32 bits: good to 5·10⁻⁵ rad.
+pub(super) fn encode16(v: Vec3) -> [i16; 2] {
+    (project(v) * 32767.0).round().to_array().map(|x| x as i16)
+}
+
+/// The inverse of [`encode16`].
+pub(super) fn decode16(v: [i16; 2]) -> Vec3 {
+    unproject(Vec2::new(v[0] as f32, v[1] as f32) / 32767.0)
+}
+
+/// In 16 bits: good to 1.3·10⁻² rad.
+pub(super) fn encode8(v: Vec3) -> [i8; 2] {
+    (project(v) * 127.0).round().to_array().map(|x| x as i8)
+}
+
+/// The inverse of [`encode8`].
+pub(super) fn decode8(v: [i8; 2]) -> Vec3 {
+    unproject(Vec2::new(v[0] as f32, v[1] as f32) / 127.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{Sampler, Stream, warp};
+
+    #[test]
+    fn round_trips_within_the_stated_error() {
+        let axes = [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z];
+        let random =
+            (0..100_000).map(|i| warp::sphere(Sampler::new(1, Stream::Eye, 0, i).next_2d()).normalize());
+        for v in axes.into_iter().chain(random) {
+            assert!((decode16(encode16(v)) - v).length() < 5e-5, "{v}");
+            assert!((decode8(encode8(v)) - v).length() < 1.3e-2, "{v}");
+        }
+    }
+}
