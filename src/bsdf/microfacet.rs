@@ -99,7 +99,8 @@ impl Microfacet {
         }
     }
 
-    /// Samples a normal visible from `wo` (wo.z > 0) with pdf D(m) (wo·m) / σ(wo).
+    /// Samples a normal visible from `wo` (wo.z > 0) with pdf D(m) (wo·m) / σ(wo). If isotropic, u.y and 1 − u.y lie
+    /// symmetrically to the plane of incidence.
     #[inline]
     pub(super) fn sample(&self, wo: Vec3, u: Vec2) -> Vec3 {
         let w = Vec3::new(self.alpha.x * wo.x, self.alpha.y * wo.y, wo.z).normalize();
@@ -115,9 +116,9 @@ impl Microfacet {
 /// Spherical Caps", Listing 3.
 fn sample_ggx(w: Vec3, u: Vec2) -> Vec3 {
     // The cap's height is kept apart from w.z, which would cancel it where m nears the horizon.
-    let height = (1.0 - u.y) * (1.0 + w.z);
+    let height = (1.0 - u.x) * (1.0 + w.z);
     let r = ((1.0 + w.z - height) * (height + (1.0 - w.z))).max(0.0).sqrt();
-    let (sin, cos) = (TAU * u.x).sin_cos();
+    let (sin, cos) = (TAU * u.y).sin_cos();
     Vec3::new(r * cos + w.x, r * sin + w.y, height)
 }
 
@@ -140,18 +141,21 @@ fn sample_beckmann(w: Vec3, u: Vec2) -> Vec3 {
     let mut slope = erf_inv(x);
     for _ in 0..10 {
         let error = 1.0 + x + tan * (-slope * slope).exp() / SQRT_PI - target;
-        if error.abs() < 1e-6 * target {
-            break;
-        }
         if error > 0.0 {
             hi = x;
         } else {
             lo = x;
         }
         let newton = x - error / (1.0 - slope * tan);
-        // Also for NaN.
-        x = if newton > lo && newton < hi { newton } else { 0.5 * (lo + hi) };
+        // Bisect also for NaN.
+        let next = if newton >= lo && newton <= hi { newton } else { 0.5 * (lo + hi) };
+        // Newton squares the error.
+        let converged = (next - x).abs() <= 2e-3 * (1.0 + x);
+        x = next;
         slope = erf_inv(x);
+        if converged {
+            break;
+        }
     }
     let across = erf_inv(2.0 * u.y - 1.0);
     (-axis * slope - axis.perp() * across).extend(1.0)
@@ -168,8 +172,7 @@ fn erf_exp(x: f32) -> (f32, f32) {
 /// erf⁻¹(x) for |x| < 1. Giles 2010, "Approximating the erfinv function" (single precision).
 fn erf_inv(x: f32) -> f32 {
     let w = -((1.0 - x) * (1.0 + x)).max(1e-30).ln();
-    let horner = |w: f32, c: [f32; 9]| c.into_iter().fold(0.0, |p, c| p * w + c);
-    let central = [
+    const CENTRAL: [f32; 9] = [
         2.810_226_4e-8,
         3.432_739_4e-7,
         -3.523_387_7e-6,
@@ -180,7 +183,7 @@ fn erf_inv(x: f32) -> f32 {
         0.246_640_73,
         1.501_409_4,
     ];
-    let tail = [
+    const TAIL: [f32; 9] = [
         -2.002_142_6e-4,
         1.009_505_6e-4,
         1.349_343_2e-3,
@@ -188,8 +191,11 @@ fn erf_inv(x: f32) -> f32 {
         5.739_507_7e-3,
         -7.622_461_3e-3,
         9.438_870_5e-3,
-        1.001_674_1,
+        1.001_674,
         2.832_976_8,
     ];
-    x * if w < 5.0 { horner(w - 2.5, central) } else { horner(w.sqrt() - 3.0, tail) }
+    let (w, c) = if w < 5.0 { (w - 2.5, &CENTRAL) } else { (w.sqrt() - 3.0, &TAIL) };
+    let upper = ((c[0] * w + c[1]) * w + c[2]) * w + c[3];
+    let middle = (((upper * w + c[4]) * w + c[5]) * w + c[6]) * w + c[7];
+    x * (middle * w + c[8])
 }

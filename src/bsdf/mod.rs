@@ -235,8 +235,10 @@ impl<'a> Bsdf<'a> {
 
     /// Whether any lobe is not a delta: photons are stored and light is sampled there.
     pub fn has_smooth(&self) -> bool {
-        let delta_only =
-            matches!(self.kind, Kind::Null | Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_));
+        let delta_only = matches!(
+            self.kind,
+            Kind::Null | Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_)
+        );
         self.opacity > 0.0 && !delta_only
     }
 
@@ -361,10 +363,7 @@ impl Kind<'_> {
     }
 
     fn transmits(&self) -> bool {
-        matches!(
-            self,
-            Kind::Null | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_)
-        )
+        matches!(self, Kind::Null | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_))
     }
 }
 

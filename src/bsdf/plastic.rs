@@ -22,7 +22,7 @@ impl Coating {
 
 const TABLE_SIZE: usize = 64;
 
-/// What a rough coating has in common all over a material; costs some 10 ms to build.
+/// What a rough coating has in common all over a material; costs some 50 ms to build.
 #[derive(Clone, Debug)]
 pub struct RoughCoating {
     microfacet: Microfacet,
@@ -37,10 +37,11 @@ impl RoughCoating {
         let microfacet = Microfacet::new(distribution, alpha, alpha);
         let cos = |i: usize| (i as f32 / (TABLE_SIZE - 1) as f32).max(1e-6);
         let direction = |i| Vec3::new((1.0 - cos(i) * cos(i)).max(0.0).sqrt(), 0.0, cos(i));
-        // Means over the sampled normals. The sharper features of reflection at an inner side need more of them.
+        // Reflection inside has the edge of total reflection, which takes more points.
+        let (points, more_points) = (gauss_legendre(32), gauss_legendre(64));
         let transmittance = std::array::from_fn(|i| {
             let wo = direction(i);
-            mean_over_square(32, |u| {
+            mean_over_normals(&points, |u| {
                 let m = microfacet.sample(wo, u);
                 let o = wo.dot(m).max(0.0);
                 let (f, cos_t) = fresnel::dielectric(o, eta);
@@ -50,7 +51,7 @@ impl RoughCoating {
         });
         let reflectance = |i| {
             let wo = direction(i);
-            mean_over_square(64, |u| {
+            mean_over_normals(&more_points, |u| {
                 let m = microfacet.sample(wo, u);
                 let wi = reflect(wo, m);
                 let f = fresnel::dielectric(wo.dot(m).max(0.0), 1.0 / eta).0;
@@ -75,16 +76,32 @@ impl RoughCoating {
     }
 }
 
-/// Midpoint rule with n² points.
-fn mean_over_square(n: usize, f: impl Fn(Vec2) -> f32) -> f32 {
-    let u = |i: usize| (i as f32 + 0.5) / n as f32;
-    let mut sum = 0.0;
-    for y in 0..n {
-        for x in 0..n {
-            sum += f(Vec2::new(u(x), u(y)));
+/// Nodes and weights of the `n`-point Gauss–Legendre rule on [0, 1].
+fn gauss_legendre(n: usize) -> Vec<(f32, f32)> {
+    let node = |i: usize| {
+        // Newton's method on P_n from a close guess (Abramowitz & Stegun 1964, 22.16.6).
+        let mut x = (std::f64::consts::PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
+        let mut slope = 1.0;
+        for _ in 0..6 {
+            let (mut p, mut previous) = (x, 1.0);
+            for k in 2..=n {
+                let k = k as f64;
+                (p, previous) = (((2.0 * k - 1.0) * x * p - (k - 1.0) * previous) / k, p);
+            }
+            slope = n as f64 * (x * p - previous) / (x * x - 1.0);
+            x -= p / slope;
         }
-    }
-    sum / (n * n) as f32
+        ((0.5 - 0.5 * x) as f32, (1.0 / ((1.0 - x * x) * slope * slope)) as f32)
+    };
+    (0..n).map(node).collect()
+}
+
+/// Mean of a function of sampled normals that is symmetric to the plane of incidence.
+fn mean_over_normals(rule: &[(f32, f32)], f: impl Fn(Vec2) -> f32) -> f32 {
+    // Half the square, where every other node is dense enough.
+    let half = gauss_legendre(rule.len() / 2);
+    let line = |y| rule.iter().map(|&(x, weight)| weight * f(Vec2::new(x, 0.5 * y))).sum::<f32>();
+    half.iter().map(|&(y, weight)| weight * line(y)).sum()
 }
 
 /// The colours of a plastic at one point.

@@ -48,9 +48,16 @@ impl AreaSampler {
         p: Vec3,
         u: Vec2,
     ) -> Option<DirectSample> {
-        let (wi, point) = {
-            let point = shape.sample_area(&self.distribution, u)?;
-            ((point.p - p).try_normalize()?, point)
+        let visible = match shape {
+            Shape::Sphere(sphere) => sphere.sample_visible(p, u),
+            _ => None,
+        };
+        let (wi, point) = match visible {
+            Some(sample) => sample,
+            None => {
+                let point = shape.sample_area(&self.distribution, u)?;
+                ((point.p - p).try_normalize()?, point)
+            }
         };
         let pdf_w = self.pdf_w(shape, p, wi, point.p, point.n_g);
         let weight = radiance.eval(textures, point.uv) / pdf_w;
@@ -66,9 +73,15 @@ impl AreaSampler {
 
     /// Pdf of [`AreaSampler::direct`] from `from` along `wi` to `p` with normal `n_g`.
     pub(super) fn pdf_w(&self, shape: &Shape, from: Vec3, wi: Vec3, p: Vec3, n_g: Vec3) -> f32 {
-        let _ = shape;
         let cos = -wi.dot(n_g);
-        if cos > 0.0 { p.distance_squared(from) / (cos * self.area) } else { 0.0 }
+        if cos <= 0.0 {
+            return 0.0;
+        }
+        let visible = match shape {
+            Shape::Sphere(sphere) => sphere.visible_pdf_w(from),
+            _ => None,
+        };
+        visible.unwrap_or_else(|| p.distance_squared(from) / (cos * self.area))
     }
 
     pub(super) fn emission(

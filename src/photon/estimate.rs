@@ -62,6 +62,10 @@ impl Estimator {
         depths: (u32, u32),
         heap: &mut KnnHeap,
     ) -> Rgb {
+        let wo = s.frame.to_local(wo);
+        if !s.bsdf.scatters_on(wo) {
+            return Rgb::ZERO;
+        }
         map.tree().nearest_filtered(s.p, self.r_max, heap, |slot, d2| {
             // Near the tangent plane, and on a surface that faces the same way: no leaks through thin walls or
             // around corners.
@@ -77,7 +81,6 @@ impl Estimator {
         if r2 <= 0.0 {
             return Rgb::ZERO;
         }
-        let wo = s.frame.to_local(wo);
         let lambertian = s.bsdf.diffuse_only();
         let mut sum = Rgb::ZERO;
         let mut skipped_farthest = false;

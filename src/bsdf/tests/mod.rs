@@ -5,6 +5,7 @@ mod mitsuba;
 
 use super::*;
 use crate::math::{Sampler, Stream, warp};
+use std::sync::LazyLock;
 
 const PAINT: Rgb = Rgb::new(0.5, 0.2, 0.1);
 const TINT_R: Rgb = Rgb::new(0.9, 0.8, 0.7);
@@ -15,7 +16,9 @@ const METAL_K: Rgb = Rgb::new(3.9, 2.4, 1.6);
 const GLASS: f32 = 1.5046 / 1.000277;
 const PLASTIC: f32 = 1.49 / 1.000277;
 
-/// What has to outlive the scattering functions of a test.
+/// What has to outlive the scattering functions, shared because it takes a while.
+static COATINGS: LazyLock<Coatings> = LazyLock::new(Coatings::new);
+
 struct Coatings {
     beckmann: RoughCoating,
     ggx: RoughCoating,
@@ -30,42 +33,42 @@ impl Coatings {
             rough: RoughCoating::new(1.3, 0.6, Distribution::Beckmann),
         }
     }
+}
 
-    /// Every model, with parameters that Mitsuba's values in `mitsuba.txt` belong to, and some more.
-    fn bsdfs(&self) -> Vec<(&'static str, Bsdf<'_>)> {
-        use Distribution::{Beckmann, Ggx};
-        let diffuse = Bsdf::diffuse(PAINT);
-        let mirror = |m| Bsdf::rough_conductor(Rgb::ZERO, Rgb::ONE, m, Rgb::ONE);
-        let metal = |m, tint| Bsdf::rough_conductor(METAL_ETA, METAL_K, m, tint);
-        let glass = |eta, m| Bsdf::rough_dielectric(eta, m, Rgb::ONE, Rgb::ONE);
-        vec![
-            ("null", Bsdf::null()),
-            ("diffuse", diffuse),
-            ("two_sided_diffuse", diffuse.two_sided()),
-            ("masked_diffuse", diffuse.masked(0.3)),
-            ("conductor_mirror", Bsdf::conductor(Rgb::ZERO, Rgb::ONE, Rgb::ONE)),
-            ("conductor", Bsdf::conductor(METAL_ETA, METAL_K, TINT_R)),
-            ("rough_conductor_mirror", mirror(Microfacet::new(Beckmann, 0.1, 0.1))),
-            ("rough_conductor_ggx", metal(Microfacet::new(Ggx, 0.2, 0.4), TINT_R)),
-            ("rough_conductor_beckmann", metal(Microfacet::new(Beckmann, 0.5, 0.2), Rgb::ONE)),
-            ("two_sided_rough_conductor", metal(Microfacet::new(Beckmann, 0.3, 0.3), Rgb::ONE).two_sided()),
-            ("rough_conductor_very_rough", mirror(Microfacet::new(Ggx, 1.0, 0.7))),
-            ("dielectric", Bsdf::dielectric(1.5, TINT_R, TINT_T)),
-            ("thin_dielectric", Bsdf::thin_dielectric(1.5, TINT_R, TINT_T)),
-            ("rough_dielectric_default", glass(GLASS, Microfacet::new(Beckmann, 0.1, 0.1))),
-            (
-                "rough_dielectric_ggx",
-                Bsdf::rough_dielectric(1.33, Microfacet::new(Ggx, 0.3, 0.15), TINT_R, TINT_T),
-            ),
-            ("rough_dielectric_inverse", glass(1.0 / 1.5, Microfacet::new(Beckmann, 0.5, 0.5))),
-            ("masked_rough_dielectric", glass(1.7, Microfacet::new(Ggx, 0.8, 0.8)).masked(0.6)),
-            ("plastic", Bsdf::plastic(Coating::new(PLASTIC), PAINT, Rgb::ONE, false)),
-            ("plastic_nonlinear", Bsdf::plastic(Coating::new(1.9), PAINT, TINT_R, true)),
-            ("rough_plastic", Bsdf::rough_plastic(&self.beckmann, PAINT, Rgb::ONE, false)),
-            ("rough_plastic_nonlinear", Bsdf::rough_plastic(&self.ggx, PAINT, TINT_R, true)),
-            ("rough_plastic_very_rough", Bsdf::rough_plastic(&self.rough, PAINT, TINT_R, true).two_sided()),
-        ]
-    }
+/// Every model, with the parameters that Mitsuba's values belong to, and some more.
+fn bsdfs() -> Vec<(&'static str, Bsdf<'static>)> {
+    use Distribution::{Beckmann, Ggx};
+    let diffuse = Bsdf::diffuse(PAINT);
+    let mirror = |m| Bsdf::rough_conductor(Rgb::ZERO, Rgb::ONE, m, Rgb::ONE);
+    let metal = |m, tint| Bsdf::rough_conductor(METAL_ETA, METAL_K, m, tint);
+    let glass = |eta, m| Bsdf::rough_dielectric(eta, m, Rgb::ONE, Rgb::ONE);
+    vec![
+        ("null", Bsdf::null()),
+        ("diffuse", diffuse),
+        ("two_sided_diffuse", diffuse.two_sided()),
+        ("masked_diffuse", diffuse.masked(0.3)),
+        ("conductor_mirror", Bsdf::conductor(Rgb::ZERO, Rgb::ONE, Rgb::ONE)),
+        ("conductor", Bsdf::conductor(METAL_ETA, METAL_K, TINT_R)),
+        ("rough_conductor_mirror", mirror(Microfacet::new(Beckmann, 0.1, 0.1))),
+        ("rough_conductor_ggx", metal(Microfacet::new(Ggx, 0.2, 0.4), TINT_R)),
+        ("rough_conductor_beckmann", metal(Microfacet::new(Beckmann, 0.5, 0.2), Rgb::ONE)),
+        ("two_sided_rough_conductor", metal(Microfacet::new(Beckmann, 0.3, 0.3), Rgb::ONE).two_sided()),
+        ("rough_conductor_very_rough", mirror(Microfacet::new(Ggx, 1.0, 0.7))),
+        ("dielectric", Bsdf::dielectric(1.5, TINT_R, TINT_T)),
+        ("thin_dielectric", Bsdf::thin_dielectric(1.5, TINT_R, TINT_T)),
+        ("rough_dielectric_default", glass(GLASS, Microfacet::new(Beckmann, 0.1, 0.1))),
+        (
+            "rough_dielectric_ggx",
+            Bsdf::rough_dielectric(1.33, Microfacet::new(Ggx, 0.3, 0.15), TINT_R, TINT_T),
+        ),
+        ("rough_dielectric_inverse", glass(1.0 / 1.5, Microfacet::new(Beckmann, 0.5, 0.5))),
+        ("masked_rough_dielectric", glass(1.7, Microfacet::new(Ggx, 0.8, 0.8)).masked(0.6)),
+        ("plastic", Bsdf::plastic(Coating::new(PLASTIC), PAINT, Rgb::ONE, false)),
+        ("plastic_nonlinear", Bsdf::plastic(Coating::new(1.9), PAINT, TINT_R, true)),
+        ("rough_plastic", Bsdf::rough_plastic(&COATINGS.beckmann, PAINT, Rgb::ONE, false)),
+        ("rough_plastic_nonlinear", Bsdf::rough_plastic(&COATINGS.ggx, PAINT, TINT_R, true)),
+        ("rough_plastic_very_rough", Bsdf::rough_plastic(&COATINGS.rough, PAINT, TINT_R, true).two_sided()),
+    ]
 }
 
 /// From steep to grazing, on both sides; oblique to the axes because of anisotropy.
@@ -88,8 +91,7 @@ fn close(a: f32, b: f32, relative: f32) -> bool {
 
 #[test]
 fn samples_agree_with_eval_and_pdf() {
-    let coatings = Coatings::new();
-    for (name, bsdf) in coatings.bsdfs() {
+    for (name, bsdf) in bsdfs() {
         for wo in directions() {
             for i in 0..500 {
                 let (u_lobe, u, _) = random(0, i);
@@ -119,9 +121,8 @@ fn samples_agree_with_eval_and_pdf() {
 
 #[test]
 fn no_more_light_leaves_than_arrives() {
-    let coatings = Coatings::new();
     const N: u64 = 4096;
-    for (name, bsdf) in coatings.bsdfs() {
+    for (name, bsdf) in bsdfs() {
         for wo in directions() {
             let mut sum = Rgb::ZERO;
             for i in 0..N {
@@ -159,8 +160,7 @@ fn lossless_interfaces_keep_what_shadowing_leaves() {
 #[test]
 fn light_takes_the_same_way_back() {
     // Veach 1997, Eq. 5.14: f(wo, wi) of radiance is f(wi, wo) of flux, and without refraction f is symmetric.
-    let coatings = Coatings::new();
-    for (name, bsdf) in coatings.bsdfs() {
+    for (name, bsdf) in bsdfs() {
         let mut crossed = 0;
         for wo in directions() {
             for i in 0..200 {
@@ -187,16 +187,17 @@ fn light_takes_the_same_way_back() {
 #[test]
 fn radiance_is_compressed_by_the_square_of_the_index() {
     let m = Microfacet::new(Distribution::Ggx, 0.2, 0.2);
-    for bsdf in [
-        Bsdf::dielectric(1.5, Rgb::ONE, Rgb::ONE),
-        Bsdf::rough_dielectric(1.5, m, Rgb::ONE, Rgb::ONE),
-    ] {
+    for bsdf in
+        [Bsdf::dielectric(1.5, Rgb::ONE, Rgb::ONE), Bsdf::rough_dielectric(1.5, m, Rgb::ONE, Rgb::ONE)]
+    {
         for wo in [Vec3::new(0.6, 0.0, 0.8), Vec3::new(0.3, 0.4, -0.866_025_4)] {
             let mut refracted = 0;
             for i in 0..100 {
                 let (u_lobe, u, _) = random(4, i);
                 let sample = |mode| bsdf.sample(wo, u_lobe, u, mode);
-                let (Some(radiance), Some(flux)) = (sample(Mode::Radiance), sample(Mode::Flux)) else { continue };
+                let (Some(radiance), Some(flux)) = (sample(Mode::Radiance), sample(Mode::Flux)) else {
+                    continue;
+                };
                 let eta = match (flux.wi.z * wo.z < 0.0, wo.z > 0.0) {
                     (false, _) => 1.0,
                     (true, true) => 1.5,
@@ -278,14 +279,16 @@ fn extremes_stay_finite() {
 #[test]
 fn broad_and_sharp_shares_sum_up() {
     assert_eq!([sharp_eye(0.0), sharp_eye(0.05), sharp_eye(0.25), sharp_eye(1.0)], [1.0, 1.0, 0.0, 0.0]);
-    assert_eq!([sharp_light(0.0), sharp_light(0.3), sharp_light(0.8), sharp_light(1.0)], [1.0, 1.0, 0.0, 0.0]);
+    assert_eq!(
+        [sharp_light(0.0), sharp_light(0.3), sharp_light(0.8), sharp_light(1.0)],
+        [1.0, 1.0, 0.0, 0.0]
+    );
     for i in 0..100 {
         let (a, b) = (i as f32 / 100.0, (i + 1) as f32 / 100.0);
         assert!(sharp_eye(a) >= sharp_eye(b) && sharp_light(a) >= sharp_light(b));
     }
 
-    let coatings = Coatings::new();
-    for (name, bsdf) in coatings.bsdfs() {
+    for (name, bsdf) in bsdfs() {
         let mut differs = false;
         for wo in directions() {
             for i in 0..50 {
@@ -313,7 +316,7 @@ fn broad_and_sharp_shares_sum_up() {
     // A diffuse base counts in full, the coating in proportion: compare with the base alone.
     let (wo, wi) = (Vec3::new(0.6, 0.0, 0.8), Vec3::new(-0.6, 0.0, 0.8));
     let eval = |specular, share| {
-        Bsdf::rough_plastic(&coatings.rough, PAINT, specular, false).eval(wo, wi, Mode::Flux, share)
+        Bsdf::rough_plastic(&COATINGS.rough, PAINT, specular, false).eval(wo, wi, Mode::Flux, share)
     };
     let base = eval(Rgb::ZERO, Share::All);
     let coated = eval(Rgb::ONE, Share::All) - base;
@@ -344,8 +347,7 @@ fn masks_let_light_through() {
 
 #[test]
 fn two_sided_mirrors() {
-    let coatings = Coatings::new();
-    for (name, bsdf) in coatings.bsdfs() {
+    for (name, bsdf) in bsdfs() {
         let both = bsdf.two_sided();
         for wo in directions().filter(|w| w.z > 0.0) {
             for i in 0..50 {
@@ -357,7 +359,9 @@ fn two_sided_mirrors() {
                     continue;
                 }
                 assert_eq!(eval(&both, mirror(wo), mirror(s.wi)), eval(&both, wo, s.wi), "{name}");
-                assert_eq!(eval(&both, wo, mirror(s.wi)).1, 0.0, "{name}");
+                if s.wi.z > 0.0 {
+                    assert_eq!(eval(&both, wo, mirror(s.wi)).1, 0.0, "{name}");
+                }
                 let back = both.sample(mirror(wo), u_lobe, u, Mode::Flux).unwrap();
                 assert_eq!((back.wi, back.weight), (mirror(s.wi), s.weight), "{name}");
             }
@@ -367,8 +371,7 @@ fn two_sided_mirrors() {
 
 #[test]
 fn predicates() {
-    let coatings = Coatings::new();
-    for (name, bsdf) in coatings.bsdfs() {
+    for (name, bsdf) in bsdfs() {
         let rough = name.contains("rough");
         let diffuse = name.contains("diffuse");
         assert_eq!(bsdf.has_smooth(), rough || diffuse || name.contains("plastic"), "{name}");
@@ -386,8 +389,7 @@ fn predicates() {
 
 #[test]
 fn albedo_is_what_samples_average_to() {
-    let coatings = Coatings::new();
-    for (name, bsdf) in coatings.bsdfs() {
+    for (name, bsdf) in bsdfs() {
         // All of a diffusely lit surface, by cosine-weighted directions.
         let mut sum = Rgb::ZERO;
         for i in 0..8192 {
@@ -396,6 +398,8 @@ fn albedo_is_what_samples_average_to() {
             sum += bsdf.sample(wo, u_lobe, u, Mode::Flux).map_or(Rgb::ZERO, |s| s.weight);
         }
         let error = (bsdf.albedo() - sum / 8192.0).abs().max_element();
-        assert!(error < 0.15, "{name}: {} {}", bsdf.albedo(), sum / 8192.0);
+        // Facets of Smith's model lose what bounces between them, the more the rougher.
+        let tolerance = 0.07 + 0.6 * bsdf.roughness().unwrap_or(0.0);
+        assert!(error < tolerance, "{name}: {} {}", bsdf.albedo(), sum / 8192.0);
     }
 }
