@@ -13,7 +13,7 @@ mod serialized;
 mod spectrum;
 
 pub use load::load;
-pub use material::{Lobes, Material};
+pub use material::{Lobes, Material, Roughness};
 
 use crate::accel::{self, Backend, Intersector};
 use crate::bsdf::Bsdf;

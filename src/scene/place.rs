@@ -1,7 +1,7 @@
 //! What every mesh goes through after its file is read: checks, transform, normals, orientation.
 
 use crate::shape::Mesh;
-use glam::{DAffine3, Vec3};
+use glam::{DAffine3, DMat4, DVec3, Vec3};
 
 /// How a scene places a mesh.
 #[derive(Clone, Copy, Debug)]
@@ -117,10 +117,19 @@ fn is_faceted(mesh: &Mesh) -> bool {
         })
 }
 
+/// Camera-like frame: z towards the target, x to the left. A zero `up` means any.
+pub(super) fn look_at(origin: DVec3, target: DVec3, up: DVec3) -> Option<DMat4> {
+    let dir = (target - origin).try_normalize()?;
+    let up = if up == DVec3::ZERO { dir.any_orthonormal_vector() } else { up };
+    let left = up.cross(dir).try_normalize()?;
+    let up = dir.cross(left);
+    Some(DMat4::from_cols(left.extend(0.0), up.extend(0.0), dir.extend(0.0), origin.extend(1.0)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DVec3, Vec2};
+    use glam::Vec2;
 
     fn folded() -> Mesh {
         Mesh {

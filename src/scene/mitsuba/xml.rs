@@ -1,6 +1,7 @@
 //! From XML text to a flat tree of plugin objects with typed properties: `$name` substitution, `<default>`,
 //! `<include>`, `<path>`, `<alias>`, ids, transforms. Knows the format's grammar, but no plugin.
 
+use crate::scene::place::look_at;
 use crate::scene::spectrum::Spectrum;
 use crate::{Error, Result};
 use glam::{DMat4, DVec3};
@@ -627,15 +628,6 @@ impl Reader<'_> {
         };
         Ok(matrix)
     }
-}
-
-/// Camera-like frame: z towards the target, x to the left. A zero `up` means any.
-fn look_at(origin: DVec3, target: DVec3, up: DVec3) -> Option<DMat4> {
-    let dir = (target - origin).try_normalize()?;
-    let up = if up == DVec3::ZERO { dir.any_orthonormal_vector() } else { up };
-    let left = up.cross(dir).try_normalize()?;
-    let up = dir.cross(left);
-    Some(DMat4::from_cols(left.extend(0.0), up.extend(0.0), dir.extend(0.0), origin.extend(1.0)))
 }
 
 /// Splits at commas and white space.

@@ -1,0 +1,239 @@
+//! The command line's grammar. What it accepts is a contract: scripts depend on it.
+
+use caustica::accel::{self, Backend};
+use caustica::image_io::MAX_PIXELS;
+use caustica::integrator::Kind;
+use clap::builder::styling::Styles;
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// A photon-mapping renderer for Mitsuba 3 scenes.
+#[derive(Parser, Debug)]
+#[command(name = "caustica", version, styles = Styles::plain(), max_term_width = 100)]
+pub(super) struct Cli {
+    #[command(subcommand)]
+    pub(super) command: Command,
+}
+
+#[derive(Subcommand, Debug)]
+pub(super) enum Command {
+    /// Render a scene to an image.
+    Render(RenderArgs),
+    /// Compare an image with a reference: rmse, relmse, mae, bias per channel, psnr, flip.
+    Compare(CompareArgs),
+    /// Write the photons that the first pass stores: as points (PLY), or as the camera sees them (PNG).
+    Photons(PhotonsArgs),
+    /// Show version, backends and CPU; of a scene, what it holds and what rendering it takes.
+    Info(InfoArgs),
+}
+
+#[derive(Args, Debug)]
+pub(super) struct Verbosity {
+    /// Print the plan, the stages' times and what is ignored.
+    #[arg(short, long, conflicts_with = "quiet")]
+    pub(super) verbose: bool,
+    /// Print errors only.
+    #[arg(short, long)]
+    pub(super) quiet: bool,
+}
+
+/// How a scene is loaded and made ready.
+#[derive(Args, Debug)]
+pub(super) struct SceneArgs {
+    /// Replace $NAME in the scene by VALUE.
+    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = assignment)]
+    pub(super) define: Vec<(String, String)>,
+    /// Who traces the rays [default: the first that `info` lists].
+    #[arg(long, value_enum)]
+    pub(super) backend: Option<BackendName>,
+    /// Number of threads [default: one per CPU]. The image does not depend on it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(super) threads: Option<u16>,
+    /// Names the random numbers: equal seeds give equal images.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub(super) seed: u64,
+    /// Size of the film in pixels, instead of the scene's.
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub(super) size: Option<(u32, u32)>,
+    /// Set a parameter of the integrator; goes before the scene's value.
+    #[arg(long = "set", value_name = "PARAM=VALUE", value_parser = assignment)]
+    pub(super) set: Vec<(String, String)>,
+    #[command(flatten)]
+    pub(super) verbosity: Verbosity,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct RenderArgs {
+    /// The scene: Mitsuba XML or OBJ.
+    pub(super) scene: PathBuf,
+    /// The image, OpenEXR or PNG by its extension [default: the scene's name with .exr, in this directory].
+    #[arg(short, long, value_name = "OUT.exr|OUT.png")]
+    pub(super) output: Option<PathBuf>,
+    /// Integrator to render with [default: photonmap].
+    #[arg(long, value_enum)]
+    pub(super) integrator: Option<IntegratorName>,
+    /// Render so many passes of one sample per pixel [default: the scene's sample_count].
+    #[arg(long, value_name = "N", group = "budget", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) passes: Option<u32>,
+    /// Stop after so many seconds, counted from the program's start. The first pass is always finished.
+    #[arg(long, value_name = "SECONDS", group = "budget", value_parser = seconds)]
+    pub(super) time: Option<Duration>,
+    /// Stop when the estimated relative error is at most REL, e.g. 0.02.
+    #[arg(long, value_name = "REL", group = "budget", value_parser = positive)]
+    pub(super) error: Option<f32>,
+    /// Write the parts of the picture (direct, specular, caustic, indirect), albedo, normal, depth and more as layers.
+    #[arg(long)]
+    pub(super) aovs: bool,
+    /// Write 16-bit instead of 32-bit floats to the EXR.
+    #[arg(long)]
+    pub(super) half: bool,
+    /// Brighten a PNG by EV stops.
+    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
+    pub(super) exposure: f32,
+    /// Write statistics as JSON.
+    #[arg(long, value_name = "FILE.json")]
+    pub(super) stats: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) common: SceneArgs,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct CompareArgs {
+    /// The image to judge.
+    pub(super) image: PathBuf,
+    /// What it should look like.
+    pub(super) reference: PathBuf,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct PhotonsArgs {
+    /// The scene: Mitsuba XML or OBJ.
+    pub(super) scene: PathBuf,
+    /// Where to write, PLY or PNG by its extension.
+    #[arg(short, long, value_name = "OUT.ply|OUT.png")]
+    pub(super) output: PathBuf,
+    /// Brighten a PNG by EV stops.
+    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
+    pub(super) exposure: f32,
+    #[command(flatten)]
+    pub(super) common: SceneArgs,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct InfoArgs {
+    /// The scene: Mitsuba XML or OBJ.
+    pub(super) scene: Option<PathBuf>,
+    /// Integrator to plan for [default: photonmap].
+    #[arg(long, value_enum)]
+    pub(super) integrator: Option<IntegratorName>,
+    #[command(flatten)]
+    pub(super) common: SceneArgs,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum IntegratorName {
+    /// Photon mapping.
+    Photonmap,
+    /// The path tracer that photon mapping is checked against.
+    Path,
+}
+
+impl IntegratorName {
+    pub(super) fn kind(self) -> Kind {
+        match self {
+            IntegratorName::Photonmap => Kind::Photonmap,
+            IntegratorName::Path => Kind::Path,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum BackendName {
+    /// The system's Embree.
+    Embree,
+    /// Caustica's own.
+    Bvh,
+}
+
+impl SceneArgs {
+    /// The backend asked for, or this build's default.
+    pub(super) fn backend(&self) -> caustica::Result<Backend> {
+        match self.backend {
+            Some(BackendName::Embree) => Ok(Backend::Embree),
+            Some(BackendName::Bvh) => Ok(Backend::Bvh),
+            None => accel::available().first().copied().ok_or_else(|| {
+                caustica::Error::Usage(
+                    "this build has no ray backend; build with --features embree or --features bvh".into(),
+                )
+            }),
+        }
+    }
+}
+
+fn assignment(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, value)) if !name.is_empty() => Ok((name.into(), value.into())),
+        _ => Err("expected NAME=VALUE".into()),
+    }
+}
+
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let size = text.split_once('x').and_then(|(w, h)| Some((w.parse::<u32>().ok()?, h.parse::<u32>().ok()?)));
+    match size {
+        Some((w, h)) if w > 0 && h > 0 && w as u64 * h as u64 <= MAX_PIXELS => Ok((w, h)),
+        Some((0, _) | (_, 0)) => Err("an image needs at least one pixel".into()),
+        Some(_) => Err(format!("at most {MAX_PIXELS} pixels")),
+        None => Err("expected WxH, e.g. 640x480".into()),
+    }
+}
+
+fn finite(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(x) if x.is_finite() => Ok(x),
+        _ => Err("expected a number".into()),
+    }
+}
+
+fn positive(text: &str) -> Result<f32, String> {
+    match finite(text) {
+        Ok(x) if x > 0.0 => Ok(x),
+        _ => Err("expected a number above 0".into()),
+    }
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse::<f64>().ok().filter(|s| *s > 0.0);
+    seconds
+        .and_then(|s| Duration::try_from_secs_f64(s).ok())
+        .ok_or_else(|| "expected a number of seconds above 0".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn grammar_is_sound() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn values() {
+        assert_eq!(size("640x480"), Ok((640, 480)));
+        for bad in ["640", "640X480", "0x5", "5x0", "-1x5", "99999x99999", "5x5x5", ""] {
+            assert!(size(bad).is_err(), "{bad}");
+        }
+        assert_eq!(assignment("a=b=c"), Ok(("a".into(), "b=c".into())));
+        assert_eq!(assignment("a="), Ok(("a".into(), String::new())));
+        assert!(assignment("=b").is_err() && assignment("b").is_err());
+        for bad in ["0", "-1", "inf", "NaN", "x"] {
+            assert!(positive(bad).is_err() && seconds(bad).is_err(), "{bad}");
+        }
+        assert_eq!(seconds("0.5"), Ok(Duration::from_millis(500)));
+    }
+}

@@ -1,0 +1,112 @@
+//! From arguments to a scene ready to be rendered and the options to render it with.
+
+use super::args::SceneArgs;
+use caustica::accel::Backend;
+use caustica::integrator::{Budget, Kind, Options, Params};
+use caustica::scene::{self, IntegratorParam, Scene};
+use caustica::{Error, Result};
+use std::path::Path;
+use std::time::Instant;
+
+/// A loaded scene.
+pub(super) struct Prepared {
+    pub(super) scene: Scene,
+    pub(super) backend: Backend,
+    /// With the scene's own number of passes as budget.
+    pub(super) options: Options,
+    /// The integrator that the file names.
+    pub(super) named_integrator: String,
+    /// Seconds it took to read files, and to build the acceleration structure.
+    pub(super) seconds: (f64, f64),
+}
+
+/// Runs `f` with as many threads as the command line says.
+pub(super) fn with_threads<R: Send>(args: &SceneArgs, f: impl FnOnce() -> Result<R> + Send) -> Result<R> {
+    match args.threads {
+        None => f(),
+        Some(n) => rayon::ThreadPoolBuilder::new()
+            .num_threads(n.into())
+            .build()
+            .map_err(|e| {
+                Error::Runtime(format!("cannot start {n} threads: {e}; ask for fewer with --threads"))
+            })?
+            .install(f),
+    }
+}
+
+/// Loads `path`, says what of it is ignored, and settles the integrator (`kind` if it was asked for) and its parameters.
+pub(super) fn prepare(path: &Path, args: &SceneArgs, kind: Option<Kind>) -> Result<Prepared> {
+    // Cheap checks first: nobody should wait for a scene to hear of a typing error.
+    let backend = args.backend()?;
+    let mut overrides = Params::default();
+    for (name, value) in &args.set {
+        overrides.set(name, value)?;
+    }
+    let start = Instant::now();
+    let description = scene::load(path, &args.define, args.size)?;
+    let load = start.elapsed().as_secs_f64();
+    for warning in &description.warnings {
+        args.verbosity.note("warning: ", warning);
+    }
+
+    let named = description.integrator.clone();
+    if kind.is_none() && !matches!(named.as_str(), "" | "photonmap") {
+        let message = format!(
+            "{} names the integrator '{named}'; it is rendered by photon mapping (--integrator path traces paths)",
+            path.display()
+        );
+        args.verbosity.note("note: ", &message);
+    }
+    let mut params = Params::default();
+    for param in &description.integrator_params {
+        let names = translate(&named, &param.name);
+        if names.is_empty() {
+            let (file, line, name) = (param.file.display(), param.line, &param.name);
+            let message = format!("{file}:{line}: parameter '{name}' of integrator '{named}' is ignored");
+            args.verbosity.detail(&message);
+        }
+        names.iter().try_for_each(|name| apply(&mut params, name, param))?;
+    }
+    for (name, value) in &args.set {
+        params.set(name, value)?;
+    }
+    let passes = description.sample_count.max(1);
+    let options = Options {
+        integrator: kind.unwrap_or(Kind::Photonmap),
+        params,
+        seed: args.seed,
+        budget: Budget::Passes(passes),
+        aovs: false,
+    };
+
+    let start = Instant::now();
+    let scene = Scene::new(description, backend)?;
+    let build = start.elapsed().as_secs_f64();
+    Ok(Prepared { scene, backend, options, named_integrator: named, seconds: (load, build) })
+}
+
+/// Our names for parameter `name` of a scene's integrator; none if it means nothing to us. What a `photonmap` says is
+/// passed on whatever it is, so that typing errors are found; others have parameters that only they need.
+fn translate<'a>(integrator: &str, name: &'a str) -> Vec<&'a str> {
+    match (integrator, name) {
+        ("photonmap", name) => vec![name],
+        (_, "max_depth" | "maxDepth") => vec!["max_depth"],
+        (_, "rr_depth" | "rrDepth") => vec!["rr_depth"],
+        (_, "hide_emitters" | "hideEmitters") => vec!["hide_emitters"],
+        // Mitsuba 0.6, whose radii are fractions of the scene's radius as ours are.
+        ("photonmapper", "global_photons" | "globalPhotons") => vec!["global_photons"],
+        ("photonmapper", "caustic_photons" | "causticPhotons") => vec!["caustic_photons"],
+        ("photonmapper", "lookup_size" | "lookupSize") => vec!["global_k", "caustic_k"],
+        ("photonmapper", "global_lookup_radius" | "globalLookupRadius") => vec!["global_radius"],
+        ("photonmapper", "caustic_lookup_radius" | "causticLookupRadius") => vec!["caustic_radius"],
+        _ => vec![],
+    }
+}
+
+fn apply(params: &mut Params, name: &str, param: &IntegratorParam) -> Result<()> {
+    params.set(name, &param.value).map_err(|e| Error::Scene {
+        file: param.file.clone(),
+        line: param.line,
+        message: e.to_string(),
+    })
+}
