@@ -7,9 +7,11 @@ mod area;
 mod distant;
 mod envmap;
 mod spot;
+mod targets;
 
 pub use envmap::Envmap;
 pub use spot::Spot;
+pub use targets::Targets;
 
 use crate::math::{Discrete, Rgb, luminance, warp};
 use crate::shape::Geometry;
@@ -277,11 +279,13 @@ impl Lights {
             .sum()
     }
 
-    /// Emits a photon: a light by power, a position by `u_pos`, a direction by `u_dir`.
+    /// Emits a photon towards `targets`, if there are any: a light by power, a position by `u_pos`, a direction by
+    /// `u_dir`.
     pub fn sample_emission(
         &self,
         geometry: &Geometry,
         textures: &[Texture],
+        targets: &Targets,
         u_light: f32,
         u_pos: Vec2,
         u_dir: Vec2,
@@ -289,20 +293,21 @@ impl Lights {
         let (i, prob, _) = self.by_power.sample(u_light)?;
         let sample = match (&self.lights[i], &self.prepared[i]) {
             (Light::Area { shape, radiance }, Prepared::Area(sampler)) => {
-                sampler.emission(&geometry.shapes[*shape as usize], *radiance, textures, u_pos, u_dir)?
+                sampler.emission(&geometry.shapes[*shape as usize], *radiance, textures, targets, u_pos, u_dir)?
             }
-            (Light::Point { position, intensity }, _) => EmissionSample {
-                o: *position,
-                d: warp::sphere(u_dir),
-                flux: *intensity / warp::SPHERE_PDF_W,
-                light: 0,
-            },
-            (Light::Spot(spot), Prepared::Spot(table)) => table.emission(spot, textures, u_dir)?,
+            (Light::Point { position, intensity }, _) => {
+                let (d, pdf_w) = match targets.from_point(*position) {
+                    Some(aim) => aim.sample(u_dir)?,
+                    None => (warp::sphere(u_dir), warp::SPHERE_PDF_W),
+                };
+                EmissionSample { o: *position, d, flux: *intensity / pdf_w, light: 0 }
+            }
+            (Light::Spot(spot), Prepared::Spot(table)) => table.emission(spot, textures, targets, u_dir)?,
             (Light::Directional { direction, irradiance }, _) => {
-                self.world.emission(*direction, *irradiance, u_pos)?
+                self.world.emission(*direction, *irradiance, targets, u_pos)?
             }
             (Light::Constant { radiance }, _) => {
-                self.world.emission(warp::sphere(u_dir), *radiance / warp::SPHERE_PDF_W, u_pos)?
+                self.world.emission(warp::sphere(u_dir), *radiance / warp::SPHERE_PDF_W, targets, u_pos)?
             }
             (Light::Envmap(map), _) => {
                 let wi = map.sample(u_dir)?;
@@ -310,7 +315,7 @@ impl Lights {
                 if pdf_w <= 0.0 {
                     return None;
                 }
-                self.world.emission(-wi, map.eval(wi) / pdf_w, u_pos)?
+                self.world.emission(-wi, map.eval(wi) / pdf_w, targets, u_pos)?
             }
             (Light::Area { .. } | Light::Spot(_), _) => return None,
         };

@@ -1,6 +1,6 @@
 //! Spotlights: a point with an angular falloff, optionally projecting a texture (Mitsuba 3 `spot`).
 
-use super::{DirectSample, EmissionSample};
+use super::{DirectSample, EmissionSample, Targets};
 use crate::math::{Discrete, Rgb, luminance, warp};
 use crate::texture::Texture;
 use glam::{Affine3A, Mat3, Vec2, Vec3};
@@ -134,7 +134,18 @@ impl SpotTable {
         self.power
     }
 
-    pub(super) fn emission(&self, spot: &Spot, textures: &[Texture], u: Vec2) -> Option<EmissionSample> {
+    pub(super) fn emission(
+        &self,
+        spot: &Spot,
+        textures: &[Texture],
+        targets: &Targets,
+        u: Vec2,
+    ) -> Option<EmissionSample> {
+        if let Some(aim) = targets.from_point(spot.position) {
+            let (d, pdf_w) = aim.sample(u)?;
+            let flux = spot.intensity(textures, (spot.to_local * d).try_normalize()?) / pdf_w;
+            return (flux != Rgb::ZERO).then_some(EmissionSample { o: spot.position, d, flux, light: 0 });
+        }
         let (y, prob_y, v) = self.rows.sample(u.y)?;
         let (x, prob_x, h) = self.columns[y].sample(u.x)?;
         let omc = spot.one_minus_cos();
