@@ -300,25 +300,3 @@ fn pass(
         })
         .collect()
 }
-
-/// A photon as it is stored in a map.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PhotonRecord {
-    /// Where it is stored.
-    pub p: glam::Vec3,
-    /// Its direction of flight, unit length.
-    pub d: glam::Vec3,
-    /// Its flux in W.
-    pub flux: crate::math::Rgb,
-    /// Whether it belongs to the caustic map.
-    pub caustic: bool,
-}
-
-/// The photons that the first pass stores, of both maps.
-///
-/// # Errors
-/// As [`render`].
-pub fn photon_records(scene: &Scene, options: &Options) -> Result<Vec<PhotonRecord>> {
-    let _ = (scene, options);
-    Err(Error::Runtime("no integrator yet".into()))
-}

@@ -25,17 +25,7 @@ use crate::shape::{Bounds, Geometry, Hit};
 use crate::texture::Texture;
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
-use std::path::{Path, PathBuf};
-
-/// Loads a scene file with its meshes and textures. `defines` are (name, value) replacements of `$name`, `size` replaces
-/// the film's.
-///
-/// # Errors
-/// [`Error::Scene`] with file and line, or [`Error::File`].
-pub fn load(path: &Path, defines: &[(String, String)], size: Option<(u32, u32)>) -> Result<SceneDescription> {
-    let _ = (defines, size);
-    Err(Error::File { file: path.into(), message: "cannot load scenes yet".into() })
-}
+use std::path::PathBuf;
 
 /// What a scene file says, with meshes and textures loaded.
 #[derive(Clone, Debug)]
