@@ -50,13 +50,8 @@ pub fn params(settings: &[&str]) -> Params {
 
 /// Renders `passes` passes with seed 1.
 pub fn render(scene: &Scene, integrator: Kind, settings: &[&str], passes: u32) -> Rendering {
-    let options = Options {
-        integrator,
-        params: params(settings),
-        seed: 1,
-        budget: Budget::Passes(passes),
-        aovs: true,
-    };
+    let options =
+        Options { integrator, params: params(settings), seed: 1, budget: Budget::Passes(passes), aovs: true };
     integrator::render(scene, &options, &mut |_| ControlFlow::Continue(())).unwrap()
 }
 
