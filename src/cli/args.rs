@@ -44,9 +44,6 @@ pub(super) struct SceneArgs {
     /// Replace $NAME in the scene by VALUE.
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = assignment)]
     pub(super) define: Vec<(String, String)>,
-    /// Integrator to render with [default: photonmap].
-    #[arg(long, value_enum)]
-    pub(super) integrator: Option<IntegratorName>,
     /// Who traces the rays [default: the first that `info` lists].
     #[arg(long, value_enum)]
     pub(super) backend: Option<BackendName>,
@@ -73,6 +70,9 @@ pub(super) struct RenderArgs {
     /// The image, OpenEXR or PNG by its extension [default: the scene's name with .exr, in this directory].
     #[arg(short, long, value_name = "OUT.exr|OUT.png")]
     pub(super) output: Option<PathBuf>,
+    /// Integrator to render with [default: photonmap].
+    #[arg(long, value_enum)]
+    pub(super) integrator: Option<IntegratorName>,
     /// Render so many passes of one sample per pixel [default: the scene's sample_count].
     #[arg(long, value_name = "N", group = "budget", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) passes: Option<u32>,
@@ -127,6 +127,9 @@ pub(super) struct PhotonsArgs {
 pub(super) struct InfoArgs {
     /// The scene: Mitsuba XML or OBJ.
     pub(super) scene: Option<PathBuf>,
+    /// Integrator to plan for [default: photonmap].
+    #[arg(long, value_enum)]
+    pub(super) integrator: Option<IntegratorName>,
     #[command(flatten)]
     pub(super) common: SceneArgs,
 }

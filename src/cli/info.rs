@@ -15,7 +15,7 @@ pub(super) fn run(args: &InfoArgs) -> Result<()> {
             print_program();
             Ok(())
         }
-        Some(path) => prepare(path, &args.common).map(|p| print_scene(&p)),
+        Some(path) => prepare(path, &args.common, args.integrator.map(|i| i.kind())).map(|p| print_scene(&p)),
     })
 }
 

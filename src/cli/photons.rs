@@ -3,9 +3,8 @@
 use super::args::PhotonsArgs;
 use super::prepare::{prepare, with_threads};
 use super::render::extension;
-use caustica::bsdf::{Bsdf, Mode};
 use caustica::image_io::{self, Image};
-use caustica::integrator::{self, PhotonRecord};
+use caustica::integrator::{self, Kind, PhotonRecord};
 use caustica::math::{Rgb, luminance};
 use caustica::scene::Scene;
 use caustica::{Error, Result};
@@ -30,8 +29,8 @@ pub(super) fn run(args: &PhotonsArgs) -> Result<()> {
     };
     image_io::check_writable(&args.output)?;
     with_threads(&args.common, || {
-        let prepared = prepare(&args.scene, &args.common)?;
-        let photons = integrator::photon_records(&prepared.scene, &prepared.options)?;
+        let prepared = prepare(&args.scene, &args.common, Some(Kind::Photonmap))?;
+        let photons = integrator::photon_records(&prepared.scene, &prepared.options);
         if png {
             image_io::write_png(&args.output, &picture(&prepared.scene, &photons), args.exposure)?;
         } else {
@@ -122,21 +121,13 @@ fn visible(scene: &Scene, at: Vec2, p: Vec3) -> bool {
         if (p - surface.p).dot(ray.d) < 0.0 {
             return true;
         }
-        if !is_clear(&surface.bsdf, surface.frame.to_local(-ray.d)) {
+        let material = scene.material(surface.shape);
+        if material.lobes().smooth || !material.transmits() {
             return false;
         }
         ray = surface.spawn(ray.d);
     }
     false
-}
-
-/// Whether all that the surface does is to reflect and to refract, and it does refract.
-fn is_clear(bsdf: &Bsdf, wo: Vec3) -> bool {
-    let refracts = |u: f32| {
-        let sample = bsdf.sample(wo, u, Vec2::splat(0.5), Mode::Radiance);
-        sample.is_some_and(|s| s.wi.z * wo.z < 0.0)
-    };
-    !bsdf.has_smooth() && [0.02, 0.25, 0.5, 0.75, 0.98].into_iter().any(refracts)
 }
 
 #[cfg(test)]

@@ -34,8 +34,8 @@ pub(super) fn with_threads<R: Send>(args: &SceneArgs, f: impl FnOnce() -> Result
     }
 }
 
-/// Loads `path`, says what of it is ignored, and settles the integrator's parameters.
-pub(super) fn prepare(path: &Path, args: &SceneArgs) -> Result<Prepared> {
+/// Loads `path`, says what of it is ignored, and settles the integrator (`kind` if it was asked for) and its parameters.
+pub(super) fn prepare(path: &Path, args: &SceneArgs, kind: Option<Kind>) -> Result<Prepared> {
     // Cheap checks first: nobody should wait for a scene to hear of a typing error.
     let backend = args.backend()?;
     let mut overrides = Params::default();
@@ -50,8 +50,7 @@ pub(super) fn prepare(path: &Path, args: &SceneArgs) -> Result<Prepared> {
     }
 
     let named = description.integrator.clone();
-    let kind = args.integrator.map_or(Kind::Photonmap, |i| i.kind());
-    if kind == Kind::Photonmap && !matches!(named.as_str(), "" | "photonmap") {
+    if kind.is_none() && !matches!(named.as_str(), "" | "photonmap") {
         let message = format!(
             "{} names the integrator '{named}'; it is rendered by photon mapping (--integrator path traces paths)",
             path.display()
@@ -72,7 +71,13 @@ pub(super) fn prepare(path: &Path, args: &SceneArgs) -> Result<Prepared> {
         params.set(name, value)?;
     }
     let passes = description.sample_count.max(1);
-    let options = Options { integrator: kind, params, seed: args.seed, budget: Budget::Passes(passes) };
+    let options = Options {
+        integrator: kind.unwrap_or(Kind::Photonmap),
+        params,
+        seed: args.seed,
+        budget: Budget::Passes(passes),
+        aovs: false,
+    };
 
     let start = Instant::now();
     let scene = Scene::new(description, backend)?;

@@ -23,7 +23,8 @@ pub(super) fn run(args: &RenderArgs, start: Instant) -> Result<u8> {
         image_io::check_writable(stats)?;
     }
     with_threads(&args.common, || {
-        let mut prepared = prepare(&args.scene, &args.common)?;
+        let mut prepared = prepare(&args.scene, &args.common, args.integrator.map(|i| i.kind()))?;
+        prepared.options.aovs = args.aovs;
         prepared.options.budget = match (args.passes, args.time, args.error) {
             (Some(n), _, _) => Budget::Passes(n),
             // The user's clock started with the program.
