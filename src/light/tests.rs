@@ -45,7 +45,14 @@ impl Setup {
 
     fn emission(&self, s: &mut Sampler) -> Option<EmissionSample> {
         let (u_light, u_pos, u_dir) = (s.next_1d(), s.next_2d(), s.next_2d());
-        self.lights.sample_emission(&self.geometry, &self.textures, u_light, u_pos, u_dir)
+        self.lights.sample_emission(
+            &self.geometry,
+            &self.textures,
+            &Targets::default(),
+            u_light,
+            u_pos,
+            u_dir,
+        )
     }
 
     /// Mean of weight · `measure`(wi) over `n` samples from `p`.
@@ -568,7 +575,9 @@ fn every_light_is_reachable_but_black_ones() {
         let s = lights.sample_direct(&geometry, &[], Vec3::ZERO, u, Vec2::splat(0.5)).unwrap();
         let light = if s.weight.x > 1e3 { 0 } else { 2 + 2 * (s.weight.x > 1e-3) as usize };
         direct[light] += 1;
-        let photon = lights.sample_emission(&geometry, &[], u, Vec2::splat(0.5), Vec2::splat(0.5)).unwrap();
+        let photon = lights
+            .sample_emission(&geometry, &[], &Targets::default(), u, Vec2::splat(0.5), Vec2::splat(0.5))
+            .unwrap();
         emitted[photon.light as usize] += 1;
     }
     assert!(direct[2] >= 190 && direct[4] >= 190 && direct[0] >= 790, "{direct:?}");
@@ -600,11 +609,18 @@ fn empty_scenes_are_lit_without_photons() {
     let geometry = Geometry::default();
     let none = Lights::new(vec![], &geometry, &[]);
     assert!(none.sample_direct(&geometry, &[], Vec3::ZERO, 0.5, Vec2::splat(0.5)).is_none());
-    assert!(none.sample_emission(&geometry, &[], 0.5, Vec2::splat(0.5), Vec2::splat(0.5)).is_none());
+    assert!(
+        none.sample_emission(&geometry, &[], &Targets::default(), 0.5, Vec2::splat(0.5), Vec2::splat(0.5))
+            .is_none()
+    );
     assert_eq!(none.background(Vec3::X), Rgb::ZERO);
     let constant = Lights::new(vec![Light::Constant { radiance: Rgb::ONE }], &geometry, &[]);
     assert!(constant.sample_direct(&geometry, &[], Vec3::ZERO, 0.5, Vec2::splat(0.5)).is_some());
-    assert!(constant.sample_emission(&geometry, &[], 0.5, Vec2::splat(0.5), Vec2::splat(0.5)).is_none());
+    assert!(
+        constant
+            .sample_emission(&geometry, &[], &Targets::default(), 0.5, Vec2::splat(0.5), Vec2::splat(0.5))
+            .is_none()
+    );
     assert_eq!(constant.power(0), Rgb::ZERO);
     let degenerate = Mesh { positions: vec![Vec3::ONE; 3], triangles: vec![[0, 1, 2]], ..Mesh::default() };
     let flat = Setup::area(Shape::Mesh(degenerate), WHITE);
