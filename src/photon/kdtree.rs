@@ -1,25 +1,29 @@
-//! A static, balanced kd-tree over points: k nearest neighbours and radius search (Bentley 1975). It knows no
-//! photons: [`KdTree::build`] returns the order of its slots, and payloads are permuted once into that order.
+//! A static, balanced kd-tree over points: k nearest neighbours and radius search (Bentley 1975, "Multidimensional
+//! Binary Search Trees Used for Associative Searching"). It knows no photons: [`KdTree::build`] returns the order of
+//! its slots, and payloads are permuted once into that order.
 //!
-//! Points lie in blocks of [`BLOCK`], coordinate by coordinate, every block full but the last: block b holds the
-//! slots from `b * BLOCK`. Nodes are in heap order (children of i: 2i, 2i + 1) and hold a plane and its axis, nothing
-//! else: node j of a level with 2^d nodes covers the blocks from ⌊jL/2^d⌋ to ⌊(j+1)L/2^d⌋ of all L.
+//! Points lie in blocks of 4, coordinate by coordinate, every block full but the last: block b holds the slots from 4b.
+//! Nodes are in heap order (children of i: 2i, 2i + 1) and hold a plane and its axis, nothing else: node j of the 2^d
+//! of a level covers the blocks from ⌊jL/2^d⌋ to ⌊(j+1)L/2^d⌋ of all L. Leaves hold 32 to 64 points, so nodes take at
+//! most 5 bytes per 32 points.
 //!
-//! Pruning is exact: distances of points and cells round alike, so no search misses a point that brute force in
-//! `f32` finds.
+//! Pruning is exact without epsilons: distances to points and to cells round alike, so searches find what brute force
+//! in `f32` finds (short of distances whose square overflows: those are not found).
 
 use glam::{Vec3, Vec4};
+use rayon::prelude::*;
 
-/// Points per block.
+/// Points per block: one SSE register for each coordinate.
 const BLOCK: usize = 4;
-/// Most blocks per leaf.
+/// Most blocks per leaf. Testing a point costs next to nothing beside the mispredicted branches of a descent: 16 beats
+/// 8 and 4 for every kind of search.
 const LEAF_BLOCKS: usize = 16;
 /// Most points per leaf.
 const LEAF: usize = BLOCK * LEAF_BLOCKS;
-/// Numbers counted at a time.
-const LANES: usize = 8;
 /// One bit per point of a leaf.
 type Mask = u64;
+/// Candidates counted at a time.
+const LANES: usize = 8;
 /// Up to here, the nearest are kept sorted by insertion.
 const SMALL_K: usize = 8;
 /// Subtrees of fewer points are built by one thread.
@@ -27,19 +31,30 @@ const SEQUENTIAL: usize = 8192;
 /// No tree is deeper: slots are `u32`.
 const MAX_DEPTH: usize = 32;
 
+/// Points by coordinate. The last block is filled up with NaN, which no search finds.
 #[derive(Clone, Copy, Debug)]
 struct Block([Vec4; 3]);
+
+impl Block {
+    fn new(items: &[Item]) -> Block {
+        let column =
+            |a: usize| Vec4::from_array(std::array::from_fn(|k| items.get(k).map_or(f32::NAN, |i| i.c[a])));
+        Block([column(0), column(1), column(2)])
+    }
+}
 
 /// A balanced kd-tree.
 #[derive(Clone, Debug)]
 pub struct KdTree {
     len: usize,
+    /// Followed by a leaf of padding, so that every leaf can be read at full size.
     blocks: Vec<Block>,
-    /// Planes and their axes in heap order from 1; there are 2^depth - 1.
+    /// Planes and their axes in heap order from 1; as many as leaves, with the unused first.
     planes: Vec<f32>,
     axes: Vec<u8>,
 }
 
+/// A point while building.
 #[derive(Clone, Copy)]
 struct Item {
     c: [f32; 3],
@@ -50,16 +65,20 @@ impl KdTree {
     /// Builds the tree over finite points, with all threads of the current rayon pool; the result does not depend on
     /// their number. Also returns the order: slot i of the tree holds `points[order[i]]`.
     ///
-    /// Points that are not finite must not be passed: they will not be found, nor perhaps their neighbours.
+    /// Points must be finite: others will not be found, nor perhaps their neighbours.
+    ///
+    /// # Panics
+    /// With 2³² points or more.
     pub fn build(points: &[Vec3]) -> (KdTree, Vec<u32>) {
         debug_assert!(points.iter().all(|p| p.is_finite()), "points must be finite");
         Self::build_any(points)
     }
 
+    /// Of any points whatever.
     fn build_any(points: &[Vec3]) -> (KdTree, Vec<u32>) {
-        assert!(points.len() < u32::MAX as usize, "too many points");
-        let mut items: Vec<Item> = Vec::with_capacity(points.len());
-        items.extend(points.iter().enumerate().map(|(i, p)| Item { c: p.to_array(), index: i as u32 }));
+        assert!(u32::try_from(points.len()).is_ok(), "too many points");
+        let mut items: Vec<Item> =
+            points.par_iter().enumerate().map(|(i, p)| Item { c: p.to_array(), index: i as u32 }).collect();
         let n_blocks = points.len().div_ceil(BLOCK);
         let mut depth = 0;
         while n_blocks > LEAF_BLOCKS << depth {
@@ -70,24 +89,18 @@ impl KdTree {
         split(&mut items, &mut nodes[1..], 0, n_blocks, 0, depth);
         let mut planes = vec![0.0; 1 << depth];
         let mut axes = vec![0; 1 << depth];
-        for m in 1..nodes.len() {
+        for (m, &node) in nodes.iter().enumerate().skip(1) {
             let i = (m | 1 << depth) >> (m.trailing_zeros() + 1);
-            (planes[i], axes[i]) = nodes[m];
+            (planes[i], axes[i]) = node;
         }
-        let mut blocks: Vec<Block> = items
-            .chunks(BLOCK)
-            .map(|chunk| {
-                let mut block = Block([Vec4::NAN; 3]);
-                for (k, item) in chunk.iter().enumerate() {
-                    for a in 0..3 {
-                        block.0[a][k] = item.c[a];
-                    }
-                }
-                block
-            })
-            .collect();
+        let mut blocks: Vec<Block> = Vec::with_capacity(n_blocks + LEAF_BLOCKS);
+        items
+            .par_chunks(BLOCK)
+            .with_min_len(SEQUENTIAL / BLOCK)
+            .map(Block::new)
+            .collect_into_vec(&mut blocks);
         blocks.resize(blocks.len() + LEAF_BLOCKS, Block([Vec4::NAN; 3]));
-        let order = items.iter().map(|item| item.index).collect();
+        let order = items.par_iter().map(|item| item.index).collect();
         (KdTree { len: points.len(), blocks, planes, axes }, order)
     }
 
@@ -103,9 +116,9 @@ impl KdTree {
 
     /// The point in `slot`, which must be below [`KdTree::len`].
     pub fn position(&self, slot: u32) -> Vec3 {
-        let Block(c) = &self.blocks[slot as usize / BLOCK];
+        let Block([x, y, z]) = &self.blocks[slot as usize / BLOCK];
         let k = slot as usize % BLOCK;
-        Vec3::new(c[0][k], c[1][k], c[2][k])
+        Vec3::new(x[k], y[k], z[k])
     }
 
     /// Visits every point with distance² <= r² in no particular order, as `visit(slot, distance²)`.
@@ -115,7 +128,7 @@ impl KdTree {
             while mask != 0 {
                 let k = mask.trailing_zeros();
                 mask &= mask - 1;
-                visit(first + k as u32, d2[k as usize % LEAF]);
+                visit(first + k, d2[k as usize % LEAF]);
             }
             bound
         });
@@ -126,7 +139,8 @@ impl KdTree {
         self.nearest_filtered(p, r_max, heap, |_, _| true);
     }
 
-    /// Like [`KdTree::nearest`] among the points that `accept(slot, distance²)`.
+    /// Like [`KdTree::nearest`] among the points that `accept(slot, distance²)`. It is asked once at most for each
+    /// point, and only for points that are among the k nearest as far as known by then.
     pub fn nearest_filtered(
         &self,
         p: Vec3,
@@ -142,55 +156,58 @@ impl KdTree {
         heap.finish();
     }
 
-    /// Offers the blocks that may hold distances² below `bound`, near ones first. `block(first slot, distances²)`
-    /// returns the new bound. Missing points of the last block are at distance NaN.
+    /// Visits the leaves that may hold points of distance² below `bound`, near ones first. `leaf(first slot, which are
+    /// below the bound, distances²)` returns the new bound. Distances² beyond the leaf's points are NaN or not below.
     #[inline(always)]
     fn traverse(&self, p: Vec3, mut bound: f32, mut leaf: impl FnMut(u32, Mask, &[f32; LEAF]) -> f32) {
         let (n_leaves, n_blocks) = (self.planes.len(), self.len.div_ceil(BLOCK));
-        let leaf_blocks = n_blocks.div_ceil(n_leaves);
-        let (x, y, z) = (Vec4::splat(p.x), Vec4::splat(p.y), Vec4::splat(p.z));
-        let mut d2 = [Vec4::ZERO; LEAF_BLOCKS];
         let depth = n_leaves.trailing_zeros();
-        let q = [p.x, p.y, p.z, 0.0];
-        // The distance to a cell per axis (Arya & Mount 1993, "Algorithms for Fast Vector Quantization").
+        // Every leaf has so many blocks, or one less; all are read as if they had, for a constant trip count.
+        let leaf_blocks = n_blocks.div_ceil(n_leaves);
+        let mut d2 = [Vec4::INFINITY; LEAF_BLOCKS];
+        let query = [p.x, p.y, p.z, 0.0];
+        let (px, py, pz) = (Vec4::splat(p.x), Vec4::splat(p.y), Vec4::splat(p.z));
+        // Cells still to visit: their distance per axis (Arya & Mount 1993, "Algorithms for Fast Vector
+        // Quantization") and node.
         let mut stack = [([0.0f32; 3], 0u32); MAX_DEPTH];
-        let mut n = 0;
-        let mut node = 1;
+        let mut n_stack = 0;
         let mut offset = [0.0f32; 3];
+        let mut node = 1;
         loop {
             while node < n_leaves {
-                let axis = self.axes[node];
-                let d = q[axis as usize & 3] - self.planes[node];
+                let axis = self.axes[node] as usize;
+                let d = query[axis % 4] - self.planes[node];
                 node = 2 * node + (d >= 0.0) as usize;
-                let far = std::array::from_fn(|a| if a == axis as usize { d } else { offset[a] });
-                stack[n & (MAX_DEPTH - 1)] = (far, node as u32 ^ 1);
-                n += (length2(far) < bound) as usize;
+                let far = std::array::from_fn(|a| if a == axis { d } else { offset[a] });
+                // Pushed or not without a branch: it would be mispredicted.
+                stack[n_stack % MAX_DEPTH] = (far, node as u32 ^ 1);
+                n_stack += (length2(far) < bound) as usize;
             }
-            let j = node as u64 - n_leaves as u64;
-            let begin = (j * n_blocks as u64) >> depth;
-            let end = ((j + 1) * n_blocks as u64) >> depth;
-            let (begin, end) = (begin as usize, end as usize);
-            let mut mask: Mask = 0;
+
+            let j = (node - n_leaves) as u64;
+            let begin = ((j * n_blocks as u64) >> depth) as usize;
+            let end = (((j + 1) * n_blocks as u64) >> depth) as usize;
             let limit = Vec4::splat(bound);
-            if let Some(blocks) = self.blocks.get(begin..begin + leaf_blocks) {
-                for (b, Block(c)) in blocks.iter().enumerate() {
-                    let (x, y, z) = (c[0] - x, c[1] - y, c[2] - z);
-                    let d = x * x + y * y + z * z;
-                    d2[b % LEAF_BLOCKS] = d;
-                    mask |= (d.cmplt(limit).bitmask() as Mask) << (BLOCK * b);
-                }
-                if end - begin < leaf_blocks {
-                    mask &= (1 << (BLOCK * (end - begin))) - 1;
-                }
-                bound = leaf((begin * BLOCK) as u32, mask, bytemuck::cast_ref(&d2));
+            let mut mask: Mask = 0;
+            for (b, Block([x, y, z])) in self.blocks[begin..begin + leaf_blocks].iter().enumerate() {
+                let (x, y, z) = (x - px, y - py, z - pz);
+                let d = x * x + y * y + z * z;
+                d2[b % LEAF_BLOCKS] = d;
+                mask |= (d.cmplt(limit).bitmask() as Mask) << (BLOCK * b);
             }
+            if end - begin < leaf_blocks {
+                mask &= (1 << (BLOCK * (end - begin))) - 1;
+                d2[end - begin] = Vec4::INFINITY;
+            }
+            bound = leaf((begin * BLOCK) as u32, mask, bytemuck::cast_ref(&d2));
+
             loop {
-                if n == 0 {
+                if n_stack == 0 {
                     return;
                 }
-                n -= 1;
+                n_stack -= 1;
                 let next;
-                (offset, next) = stack[n & (MAX_DEPTH - 1)];
+                (offset, next) = stack[n_stack % MAX_DEPTH];
                 node = next as usize;
                 if length2(offset) < bound {
                     break;
@@ -212,7 +229,7 @@ fn length2(v: [f32; 3]) -> f32 {
     v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
 }
 
-/// Sorts the `items` of node `j` at level `level` into leaves.
+/// Sorts the `items` of node `j` of a level into leaves. `nodes` are the planes below, in order.
 fn split(items: &mut [Item], nodes: &mut [(f32, u8)], j: usize, n_blocks: usize, level: u32, depth: u32) {
     if level == depth {
         return;
@@ -221,18 +238,16 @@ fn split(items: &mut [Item], nodes: &mut [(f32, u8)], j: usize, n_blocks: usize,
     let middle = ((2 * j + 1) * n_blocks) >> (level + 1);
     let n_left = (middle - first) * BLOCK;
     let axis = widest(items);
-    let plane = if n_left < items.len() {
-        let key = |item: &Item| {
-            let bits = item.c[axis].to_bits();
-            let order = bits ^ (((bits as i32 >> 31) as u32) | 0x8000_0000);
-            (order as u64) << 32 | item.index as u64
-        };
-        let (_, item, _) = items.select_nth_unstable_by_key(n_left, key);
-        item.c[axis]
-    } else {
-        f32::INFINITY
+    // By coordinate (total order: NaN does no harm), ties by index.
+    let key = |item: &Item| {
+        let bits = item.c[axis].to_bits();
+        let order = bits ^ ((bits as i32 >> 31) as u32 | 1 << 31);
+        (order as u64) << 32 | item.index as u64
     };
-    let (left, right) = items.split_at_mut(n_left.min(items.len()));
+    // The right half has a point, for there are more than LEAF_BLOCKS blocks.
+    let (_, item, _) = items.select_nth_unstable_by_key(n_left, key);
+    let plane = item.c[axis];
+    let (left, right) = items.split_at_mut(n_left);
     let half = nodes.len() / 2;
     nodes[half] = (plane, axis as u8);
     let (left_nodes, right_nodes) = nodes.split_at_mut(half);
@@ -341,7 +356,7 @@ impl KnnHeap {
             while mask != 0 {
                 let k = mask.trailing_zeros();
                 mask &= mask - 1;
-                let (slot, d2) = (first + k as u32, d2[k as usize % LEAF]);
+                let (slot, d2) = (first + k, d2[k as usize % LEAF]);
                 out_d2[n % LEAF] = d2;
                 out_slots[n % LEAF] = slot;
                 n += accept(slot, d2) as usize;
@@ -363,10 +378,23 @@ impl KnnHeap {
         d2: &[f32; LEAF],
         accept: &mut impl FnMut(u32, f32) -> bool,
     ) -> f32 {
+        if self.k == 1 && mask != 0 {
+            // The nearest first: unless it is refused, it is all.
+            let k = least(d2);
+            let (slot, d2) = (first + k as u32, d2[k]);
+            if accept(slot, d2) {
+                self.d2[0] = d2;
+                self.slots[0] = slot;
+                self.len = 1;
+                self.bound = d2;
+                return d2;
+            }
+            mask &= !(1 << k);
+        }
         while mask != 0 {
             let k = mask.trailing_zeros();
             mask &= mask - 1;
-            let (slot, d2) = (first + k as u32, d2[k as usize % LEAF]);
+            let (slot, d2) = (first + k, d2[k as usize % LEAF]);
             if d2 < self.bound && accept(slot, d2) {
                 let mut i = self.len.min(self.k - 1);
                 while i > 0 && self.d2[i - 1] > d2 {
@@ -388,8 +416,9 @@ impl KnnHeap {
     /// Lowers the bound, and drops candidates if room for a leaf needs it.
     #[inline(never)]
     fn tighten(&mut self) {
-        let (below, _) = self.threshold(self.k / 8);
-        self.bound = f32::from_bits(below.1);
+        let ((lo, hi), _) = self.threshold(self.k / 8);
+        // With k candidates up to lo, more ties there are of no use.
+        self.bound = f32::from_bits(if hi - lo > 1 { hi } else { lo });
         self.full = self.len + self.k / 4;
         if self.full + LEAF > self.d2.len() {
             self.select();
@@ -439,7 +468,9 @@ impl KnnHeap {
         let d2 = &self.d2[..end];
         let (mut lo, mut n_lo) = (0u32, 0);
         let (mut hi, mut n_hi) = if self.bound < f32::INFINITY {
-            (self.bound.to_bits(), count_below(d2, self.bound))
+            // There may be ties at the bound.
+            let hi = self.bound.to_bits() + 1;
+            (hi, count_below(d2, f32::from_bits(hi)))
         } else {
             (max(&self.d2[..self.len]).to_bits() + 1, self.len)
         };
@@ -466,6 +497,18 @@ impl KnnHeap {
     }
 }
 
+/// The index of the least number.
+fn least(d2: &[f32; LEAF]) -> usize {
+    let d2: &[Vec4; LEAF_BLOCKS] = bytemuck::cast_ref(d2);
+    // In this order, `min` passes NaN over.
+    let min = d2.iter().fold(Vec4::INFINITY, |min, d| d.min(min)).min_element();
+    let mut at: Mask = 0;
+    for (b, d) in d2.iter().enumerate() {
+        at |= (d.cmple(Vec4::splat(min)).bitmask() as Mask) << (BLOCK * b);
+    }
+    at.trailing_zeros() as usize % LEAF
+}
+
 /// How many numbers are below `t`; the length is a multiple of [`LANES`].
 fn count_below(d2: &[f32], t: f32) -> usize {
     let mut n = [0u32; LANES];
@@ -477,9 +520,18 @@ fn count_below(d2: &[f32], t: f32) -> usize {
     n.iter().sum::<u32>() as usize
 }
 
-/// The greatest of non-negative numbers.
+/// The greatest of non-negative numbers, or 0.
 fn max(d2: &[f32]) -> f32 {
-    d2.iter().fold(0.0, |m, &d2| if d2 > m { d2 } else { m })
+    let greater = |a: f32, b: f32| if a > b { a } else { b };
+    let chunks = d2.chunks_exact(LANES);
+    let rest = chunks.remainder().iter().fold(0.0, |m, &d2| greater(d2, m));
+    let mut m = [rest; LANES];
+    for lane in chunks {
+        for (m, &d2) in m.iter_mut().zip(lane) {
+            *m = greater(d2, *m);
+        }
+    }
+    m.into_iter().fold(0.0, greater)
 }
 
 #[cfg(test)]
@@ -628,6 +680,22 @@ mod tests {
         for (i, k) in [1, 7, 50, 500, 40_000].into_iter().enumerate() {
             check(&points, points[i] + Vec3::new(0.0, 0.3, i as f32), k, f32::INFINITY);
             check(&points, points[i], k, 3.0);
+        }
+    }
+
+    #[test]
+    fn duplicates_are_not_all_visited() {
+        let (tree, _) = KdTree::build(&vec![Vec3::ONE; 100_000]);
+        for k in [1, 5, 50] {
+            let mut heap = KnnHeap::new(k);
+            for p in [Vec3::ONE, Vec3::ZERO] {
+                let mut asked = 0;
+                tree.nearest_filtered(p, f32::INFINITY, &mut heap, |_, _| {
+                    asked += 1;
+                    true
+                });
+                assert!(heap.is_full() && asked <= 2 * LEAF, "{k} of {asked}");
+            }
         }
     }
 
