@@ -78,13 +78,15 @@ impl Bitmap {
     }
 
     fn eval(&self, uv: Vec2) -> Rgb {
-        let p = self.to_uv.transform_point2(uv) * Vec2::new(self.image.width as f32, self.image.height as f32);
+        let p =
+            self.to_uv.transform_point2(uv) * Vec2::new(self.image.width as f32, self.image.height as f32);
         match self.interpolation {
             Interpolation::Nearest => self.texel(p.floor().as_ivec2()),
             Interpolation::Bilinear => {
                 let p = p - 0.5;
                 let (corner, w) = (p.floor().as_ivec2(), p - p.floor());
-                let at = |x, y| self.texel(IVec2::new(corner.x.saturating_add(x), corner.y.saturating_add(y)));
+                let at =
+                    |x, y| self.texel(IVec2::new(corner.x.saturating_add(x), corner.y.saturating_add(y)));
                 let (top, bottom) = (at(0, 0).lerp(at(1, 0), w.x), at(0, 1).lerp(at(1, 1), w.x));
                 top.lerp(bottom, w.y)
             }
@@ -198,7 +200,8 @@ mod tests {
     /// Expected values from Mitsuba 3.9.1.
     #[test]
     fn lookups_are_those_of_mitsuba() {
-        const UVS: [[f32; 2]; 7] = [[0.1, 0.2], [0.5, 0.5], [0.9, 0.95], [-0.3, 0.4], [1.2, -0.6], [2.7, 3.1], [-1.45, -2.2]];
+        const UVS: [[f32; 2]; 7] =
+            [[0.1, 0.2], [0.5, 0.5], [0.9, 0.95], [-0.3, 0.4], [1.2, -0.6], [2.7, 3.1], [-1.45, -2.2]];
         let expected: [(Interpolation, Wrap, [f32; 7]); 6] = [
             (Interpolation::Bilinear, Wrap::Repeat, [0.7, 2.5, 3.4, 2.5, 1.0, 2.5, 3.85]),
             (Interpolation::Bilinear, Wrap::Mirror, [0.0, 2.5, 5.0, 1.3, 4.0, 4.6, 1.15]),

@@ -20,7 +20,8 @@ pub fn load(path: &Path, defines: &[(String, String)], size: Option<(u32, u32)>)
     let scene = match extension.as_str() {
         "xml" => mitsuba::load(path, defines, size),
         "obj" => mtl::load(path, size).map(|mut scene| {
-            let unused = defines.iter().map(|(name, value)| format!("-D {name}={value}: an OBJ has no parameters"));
+            let unused =
+                defines.iter().map(|(name, value)| format!("-D {name}={value}: an OBJ has no parameters"));
             scene.warnings.extend(unused);
             scene
         }),
@@ -30,7 +31,10 @@ pub fn load(path: &Path, defines: &[(String, String)], size: Option<(u32, u32)>)
         }
     }?;
     if scene.geometry.shapes.is_empty() && scene.lights.is_empty() {
-        return Err(Error::File { file: path.into(), message: "the scene holds no shapes and no emitters".into() });
+        return Err(Error::File {
+            file: path.into(),
+            message: "the scene holds no shapes and no emitters".into(),
+        });
     }
     Ok(scene)
 }

@@ -159,12 +159,14 @@ impl Material {
             Material::ThinDielectric { eta, reflectance, transmittance } => {
                 Bsdf::thin_dielectric(*eta, color(reflectance), color(transmittance))
             }
-            Material::RoughDielectric { eta, roughness, reflectance, transmittance } => Bsdf::rough_dielectric(
-                *eta,
-                roughness.eval(textures, uv),
-                color(reflectance),
-                color(transmittance),
-            ),
+            Material::RoughDielectric { eta, roughness, reflectance, transmittance } => {
+                Bsdf::rough_dielectric(
+                    *eta,
+                    roughness.eval(textures, uv),
+                    color(reflectance),
+                    color(transmittance),
+                )
+            }
             Material::Plastic { coating, diffuse, specular, nonlinear } => {
                 Bsdf::plastic(*coating, color(diffuse), color(specular), *nonlinear)
             }

@@ -18,7 +18,7 @@ use super::place::{Placement, look_at, place};
 use super::{SceneDescription, obj};
 use crate::bsdf::{Coating, Distribution, RoughCoating};
 use crate::camera::Camera;
-use crate::film::{Filter, FilmSettings};
+use crate::film::{FilmSettings, Filter};
 use crate::image_io;
 use crate::light::Light;
 use crate::math::Rgb;
@@ -216,7 +216,12 @@ impl Builder {
         } else if shiny && !matches!(illum, 0 | 1) {
             let make = || RoughCoating::new(INDEX, alpha, Distribution::Ggx);
             let coating = self.coatings.entry(alpha.to_bits()).or_insert_with(make).clone();
-            Material::RoughPlastic { coating: Box::new(coating), diffuse, specular: reflectance, nonlinear: true }
+            Material::RoughPlastic {
+                coating: Box::new(coating),
+                diffuse,
+                specular: reflectance,
+                nonlinear: true,
+            }
         } else {
             Material::Diffuse { reflectance: diffuse }
         })
@@ -237,8 +242,11 @@ fn parse(text: &str, file: &Path, library: &mut HashMap<String, (Mtl, PathBuf)>)
             continue;
         }
         let Some((mtl, _)) = current.as_ref().and_then(|name| library.get_mut(name)) else { continue };
-        statement(mtl, keyword, rest, file)
-            .map_err(|message| Error::Scene { file: file.into(), line: number, message })?;
+        statement(mtl, keyword, rest, file).map_err(|message| Error::Scene {
+            file: file.into(),
+            line: number,
+            message,
+        })?;
     }
     Ok(())
 }
@@ -249,7 +257,11 @@ fn statement(mtl: &mut Mtl, keyword: &str, rest: &str, file: &Path) -> Result<()
     };
     let first = || number(rest.split_whitespace().next().unwrap_or(""));
     let in_range = |value: f32, low: f32, high: f32| {
-        if (low..=high).contains(&value) { Ok(value) } else { Err(format!("{keyword} {value} is out of range")) }
+        if (low..=high).contains(&value) {
+            Ok(value)
+        } else {
+            Err(format!("{keyword} {value} is out of range"))
+        }
     };
     let color = |highest: f32| -> Result<Rgb, String> {
         let values = rest.split_whitespace().map(number).collect::<Result<Vec<_>, _>>();
@@ -326,7 +338,9 @@ mod tests {
                    newmtl glossy\nKd 1 0 0\nKs .5 .5 .5\nNs 10\nnewmtl matt\nKd .1 .2 .3\nKs 1 1 1\nillum 1\n\
                    newmtl holes\nTr .25\n";
         let scene = scene(&obj, mtl).unwrap();
-        assert!(matches!(scene.lights[..], [Light::Area { shape: 0, radiance: Color::Constant(c) }] if c.x == 5.0));
+        assert!(
+            matches!(scene.lights[..], [Light::Area { shape: 0, radiance: Color::Constant(c) }] if c.x == 5.0)
+        );
         let inner = |i: usize| match &scene.materials[scene.shape_material[i] as usize] {
             Material::TwoSided { front, back: None } => &**front,
             other => other,

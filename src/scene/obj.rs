@@ -41,8 +41,11 @@ impl Obj {
         let mut group = obj.group("", 1);
         for (i, line) in bytes.split(|&b| b == b'\n').enumerate() {
             let number = i as u32 + 1;
-            obj.line(line, number, flip_v, &mut group)
-                .map_err(|message| Error::Scene { file: path.into(), line: number, message })?;
+            obj.line(line, number, flip_v, &mut group).map_err(|message| Error::Scene {
+                file: path.into(),
+                line: number,
+                message,
+            })?;
         }
         Ok(obj)
     }
@@ -206,7 +209,9 @@ mod tests {
 
     #[test]
     fn corners_are_shared_and_polygons_split() {
-        let obj = read("v 0 0 0\nv 1 0 0\nv 1 1 .5\nv 0 1 0\nvt 0 .25\nvt 1 .25\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\r\n");
+        let obj = read(
+            "v 0 0 0\nv 1 0 0\nv 1 1 .5\nv 0 1 0\nvt 0 .25\nvt 1 .25\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\r\n",
+        );
         let mesh = obj.unwrap().mesh();
         assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
         assert_eq!(mesh.uvs[0], Vec2::new(0.0, 0.75));
@@ -215,7 +220,9 @@ mod tests {
 
     #[test]
     fn seams_split_vertices() {
-        let obj = read("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvn 0 0 1\nvn 0 1 0\nf 1//1 2//1 3//1\nf -3//-1 -1//1 -2//1\n");
+        let obj = read(
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvn 0 0 1\nvn 0 1 0\nf 1//1 2//1 3//1\nf -3//-1 -1//1 -2//1\n",
+        );
         let mesh = obj.unwrap().mesh();
         assert_eq!(mesh.triangles, [[0, 1, 2], [3, 4, 2]]);
         assert_eq!(mesh.normals[3], Vec3::Y);
@@ -230,7 +237,8 @@ mod tests {
         let obj = obj.unwrap();
         assert_eq!(obj.libraries, [("my file.mtl".to_string(), 1)]);
         let meshes = obj.meshes();
-        let summary: Vec<_> = meshes.iter().map(|(m, line, mesh)| (m.as_str(), *line, mesh.triangles.len())).collect();
+        let summary: Vec<_> =
+            meshes.iter().map(|(m, line, mesh)| (m.as_str(), *line, mesh.triangles.len())).collect();
         assert_eq!(summary, [("a", 5, 2), ("b c", 7, 1)]);
     }
 

@@ -301,7 +301,11 @@ fn skip(property: &Property, values: &mut impl Values) -> Result<(), String> {
 }
 
 fn list_length(count: f64) -> Result<u64, String> {
-    if count >= 0.0 && count.fract() == 0.0 { Ok(count as u64) } else { Err(format!("a list of {count} values")) }
+    if count >= 0.0 && count.fract() == 0.0 {
+        Ok(count as u64)
+    } else {
+        Err(format!("a list of {count} values"))
+    }
 }
 
 fn read_vertices(
@@ -343,7 +347,8 @@ fn read_vertices(
 }
 
 fn read_faces(element: &Element, values: &mut impl Values, mesh: &mut Mesh) -> Result<(), String> {
-    let is_indices = |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_index" | "vertex_indices");
+    let is_indices =
+        |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_index" | "vertex_indices");
     if element.properties.iter().filter(|p| is_indices(p)).count() != 1 {
         return Err("the faces have no list 'vertex_indices'".into());
     }

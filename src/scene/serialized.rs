@@ -105,7 +105,8 @@ impl Reader<'_> {
     fn floats(&mut self, count: u64, components: usize, double: bool) -> Result<Vec<f32>, String> {
         Ok(if double {
             let bytes = self.array(count, 8 * components)?;
-            let float = |b: &[u8]| f64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]) as f32;
+            let float =
+                |b: &[u8]| f64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]) as f32;
             bytes.chunks_exact(8).map(float).collect()
         } else {
             let bytes = self.array(count, 4 * components)?;
@@ -130,7 +131,9 @@ mod tests {
 
     fn mesh_bytes(version: u16, double: bool, vertices: u64) -> Vec<u8> {
         let mut body = Vec::new();
-        body.extend((HAS_UVS | HAS_NORMALS | HAS_COLORS | if double { DOUBLE } else { 0x1000 }).to_le_bytes());
+        body.extend(
+            (HAS_UVS | HAS_NORMALS | HAS_COLORS | if double { DOUBLE } else { 0x1000 }).to_le_bytes(),
+        );
         if version == 4 {
             body.extend(b"a name\0");
         }

@@ -211,7 +211,11 @@ mod tests {
     /// Expected values from Mitsuba 3.9.1, `scalar_rgb`.
     #[test]
     fn colours_are_those_of_mitsuba() {
-        check("400:0.78, 500:0.78, 600:0.78, 700:0.78", Role::Reflectance, [0.776_366_8, 0.779_81, 0.776_029_1]);
+        check(
+            "400:0.78, 500:0.78, 600:0.78, 700:0.78",
+            Role::Reflectance,
+            [0.776_366_8, 0.779_81, 0.776_029_1],
+        );
         check("400:0, 500:8, 600:15.6, 700:18.4", Role::Emission, [20.710_836, 10.854_634, 2.771_152]);
         check("5", Role::Emission, [6.023_97, 4.741_455, 4.544_58]);
         check("0.78", Role::Reflectance, [0.78; 3]);

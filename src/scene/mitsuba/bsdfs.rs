@@ -80,7 +80,12 @@ impl<'a> Loader<'a> {
                 }
                 props.boolean("sample_visible", true)?;
                 let coating = Box::new(RoughCoating::new(eta, alpha, distribution(props)?));
-                Material::RoughPlastic { coating, diffuse, specular, nonlinear: props.boolean("nonlinear", false)? }
+                Material::RoughPlastic {
+                    coating,
+                    diffuse,
+                    specular,
+                    nonlinear: props.boolean("nonlinear", false)?,
+                }
             }
             "twosided" => self.two_sided(props)?,
             "mask" => {
@@ -106,7 +111,9 @@ impl<'a> Loader<'a> {
             return Err(props.error_at("allow_transmission", "'allow_transmission' is not supported"));
         }
         if front.transmits() || back.as_ref().is_some_and(Material::transmits) {
-            return Err(props.error("what transmits light has two sides already: it cannot stand inside a twosided"));
+            return Err(
+                props.error("what transmits light has two sides already: it cannot stand inside a twosided")
+            );
         }
         Ok(Material::TwoSided { front: Box::new(front), back: back.map(Box::new) })
     }

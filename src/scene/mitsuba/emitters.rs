@@ -2,12 +2,12 @@
 
 use super::Loader;
 use super::props::{Props, to_f32, vec3};
+use crate::Result;
 use crate::image_io;
 use crate::light::{Envmap, Light, Spot};
 use crate::math::Rgb;
 use crate::scene::spectrum::Role;
 use crate::texture::Color;
-use crate::Result;
 use glam::Vec3;
 
 const KNOWN: &str = "area (inside a shape), point, spot, directional, constant, envmap";
@@ -45,7 +45,9 @@ impl<'a> Loader<'a> {
             }
             "constant" => {
                 props.to_world()?; // turns what looks the same from everywhere
-                Light::Constant { radiance: self.constant_color(props, "radiance", Role::Emission, Rgb::ONE)? }
+                Light::Constant {
+                    radiance: self.constant_color(props, "radiance", Role::Emission, Rgb::ONE)?,
+                }
             }
             "spot" => {
                 let intensity = self.constant_color(props, "intensity", Role::Emission, Rgb::ONE)?;

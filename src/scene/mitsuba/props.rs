@@ -62,8 +62,12 @@ impl<'a> Props<'a> {
     }
 
     fn wrong_type(&self, p: &Property, wanted: &str) -> crate::Error {
-        let message =
-            format!("{}: parameter '{}' should be of type {wanted}, not {}", self.title(), p.name, p.value.kind());
+        let message = format!(
+            "{}: parameter '{}' should be of type {wanted}, not {}",
+            self.title(),
+            p.name,
+            p.value.kind()
+        );
         self.tree.error(p.pos, message)
     }
 
@@ -89,7 +93,12 @@ impl<'a> Props<'a> {
     }
 
     /// An integer in `range`.
-    pub(super) fn count(&self, name: &str, default: u32, range: std::ops::RangeInclusive<u32>) -> Result<u32> {
+    pub(super) fn count(
+        &self,
+        name: &str,
+        default: u32,
+        range: std::ops::RangeInclusive<u32>,
+    ) -> Result<u32> {
         let Some(value) = self.opt_integer(name)? else { return Ok(default) };
         u32::try_from(value).ok().filter(|v| range.contains(v)).ok_or_else(|| {
             let message = format!("'{name}' is {value}, but must lie in {}..{}", range.start(), range.end());

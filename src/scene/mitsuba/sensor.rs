@@ -4,7 +4,7 @@ use super::Loader;
 use super::props::{Props, to_f32};
 use crate::Result;
 use crate::camera::Camera;
-use crate::film::{Filter, FilmSettings};
+use crate::film::{FilmSettings, Filter};
 use glam::Vec2;
 
 /// The view.
@@ -55,7 +55,8 @@ impl<'a> Loader<'a> {
         let far = props.opt_float("far_clip")?;
         let clip = (near.unwrap_or(0.0), far.unwrap_or(f32::INFINITY));
         if !(clip.0 < clip.1) || near.is_some_and(|n| n <= 0.0) {
-            let message = format!("'near_clip' {} must be positive and less than 'far_clip' {}", clip.0, clip.1);
+            let message =
+                format!("'near_clip' {} must be positive and less than 'far_clip' {}", clip.0, clip.1);
             return Err(props.error_at("near_clip", message));
         }
         // Mitsuba's default is its far plane.
@@ -140,7 +141,8 @@ impl<'a> Loader<'a> {
             "tent" => Filter::Tent { radius: positive("radius", 1.0)? },
             "gaussian" => Filter::Gaussian { stddev: positive("stddev", 0.5)? },
             name @ ("mitchell" | "catmullrom" | "lanczos") => {
-                let message = format!("filter '{name}' has negative lobes: the default gaussian is used instead");
+                let message =
+                    format!("filter '{name}' has negative lobes: the default gaussian is used instead");
                 self.warn_at(props.object.pos, &message);
                 return Ok(Filter::Gaussian { stddev: 0.5 });
             }
@@ -184,7 +186,9 @@ fn half_width(props: Props, aspect: f32) -> Result<f32> {
             return Err(props.error_at("focal_length", "give either 'fov' or 'focal_length', not both"));
         }
         Some(fov) if !(fov > 0.0 && fov < 180.0) => {
-            return Err(props.error_at("fov", format!("'fov' is {fov}, but must lie between 0 and 180 degrees")));
+            return Err(
+                props.error_at("fov", format!("'fov' is {fov}, but must lie between 0 and 180 degrees"))
+            );
         }
         Some(fov) => {
             let half = half_tan(fov as f64);

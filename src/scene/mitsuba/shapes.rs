@@ -68,7 +68,9 @@ impl<'a> Loader<'a> {
                 "bsdf" => material = Some(child),
                 "emitter" if light.is_some() => return Err(twice(pos, "emitter")),
                 "emitter" => light = Some(child),
-                tag => return Err(self.tree.error(pos, format!("a <{tag}> inside a shape is not supported"))),
+                tag => {
+                    return Err(self.tree.error(pos, format!("a <{tag}> inside a shape is not supported")));
+                }
             }
         }
         let material = match material {
@@ -91,7 +93,8 @@ impl<'a> Loader<'a> {
     fn default_material(&mut self) -> u32 {
         // No object has this index.
         *self.material_of.entry(usize::MAX).or_insert_with(|| {
-            self.materials.push(Material::Diffuse { reflectance: Color::Constant(crate::math::Rgb::splat(0.5)) });
+            self.materials
+                .push(Material::Diffuse { reflectance: Color::Constant(crate::math::Rgb::splat(0.5)) });
             self.materials.len() as u32 - 1
         })
     }
@@ -104,7 +107,11 @@ impl<'a> Loader<'a> {
         let file = |loader: &Self, format| -> Result<Job> {
             let face_normals = props.boolean("face_normals", false)?;
             let path = loader.filename(props)?;
-            Ok(Job::File { format, path, placement: Placement { to_world: matrix, flip_normals, face_normals } })
+            Ok(Job::File {
+                format,
+                path,
+                placement: Placement { to_world: matrix, flip_normals, face_normals },
+            })
         };
         let vec3 = |name, default: DVec3| -> Result<glam::Vec3> {
             Ok(props.opt_vector(name)?.unwrap_or(default).as_vec3())
@@ -125,9 +132,7 @@ impl<'a> Loader<'a> {
             }
             "rectangle" => flat(Mesh::rectangle(to_world)),
             "cube" => flat(Mesh::cube(to_world)),
-            "disk" => {
-                Disk::new(to_world, flip_normals).map(|s| Job::Ready(Shape::Disk(s))).map_err(fail)
-            }
+            "disk" => Disk::new(to_world, flip_normals).map(|s| Job::Ready(Shape::Disk(s))).map_err(fail),
             "sphere" => {
                 let (center, radius) = (vec3("center", DVec3::ZERO)?, props.float("radius", 1.0)?);
                 let sphere = Sphere::new(center, radius, to_world, flip_normals);

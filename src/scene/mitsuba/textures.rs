@@ -101,7 +101,8 @@ impl<'a> Loader<'a> {
     fn spectrum(&mut self, property: &Property, spectrum: &Spectrum, role: Role) -> Rgb {
         let (rgb, clamped) = spectrum.to_rgb(role);
         if clamped {
-            let message = format!("the spectrum '{}' is outside of the sRGB gamut: clamped to {rgb}", property.name);
+            let message =
+                format!("the spectrum '{}' is outside of the sRGB gamut: clamped to {rgb}", property.name);
             self.warn_at(property.pos, &message);
         }
         rgb
@@ -180,7 +181,8 @@ impl<'a> Loader<'a> {
                     let Some(index) = props.object_of(property)? else { continue };
                     property.used.set(true);
                     let inner = Props::new(self.tree, index);
-                    let color = self.nested(inner, |l| l.texture(inner, property, Role::Unbounded, Use::Color))?;
+                    let color =
+                        self.nested(inner, |l| l.texture(inner, property, Role::Unbounded, Use::Color))?;
                     match color {
                         Color::Constant(rgb) => nested = rgb,
                         Color::Texture(_) => {
@@ -215,12 +217,18 @@ impl<'a> Loader<'a> {
             "regular" => {
                 let (values, from, to) = (list("values")?, need("wavelength_min")?, need("wavelength_max")?);
                 let step = (to - from) / (values.len().max(2) - 1) as f64;
-                Spectrum::samples(values.iter().enumerate().map(|(i, v)| (from + step * i as f64, *v)).collect())
+                Spectrum::samples(
+                    values.iter().enumerate().map(|(i, v)| (from + step * i as f64, *v)).collect(),
+                )
             }
             "irregular" => {
                 let (wavelengths, values) = (list("wavelengths")?, list("values")?);
                 if wavelengths.len() != values.len() {
-                    return Err(fail(format!("{} wavelengths have {} values", wavelengths.len(), values.len())));
+                    return Err(fail(format!(
+                        "{} wavelengths have {} values",
+                        wavelengths.len(),
+                        values.len()
+                    )));
                 }
                 Spectrum::samples(wavelengths.into_iter().zip(values).collect())
             }

@@ -100,8 +100,20 @@ struct Parameter {
 }
 
 const OBJECT_TAGS: [&str; 14] = [
-    "scene", "bsdf", "shape", "emitter", "sensor", "film", "rfilter", "sampler", "integrator", "texture", "medium",
-    "phase", "volume", "spectrum",
+    "scene",
+    "bsdf",
+    "shape",
+    "emitter",
+    "sensor",
+    "film",
+    "rfilter",
+    "sampler",
+    "integrator",
+    "texture",
+    "medium",
+    "phase",
+    "volume",
+    "spectrum",
 ];
 
 impl Tree {
@@ -157,7 +169,8 @@ impl Tree {
                 return Ok(candidate);
             }
         }
-        Err(self.error(pos, format!("file '{name}' not found (searched beside the scene and in its <path>s)")))
+        Err(self
+            .error(pos, format!("file '{name}' not found (searched beside the scene and in its <path>s)")))
     }
 
     /// Longest name first, so that `$name` does not eat the start of `$name2`.
@@ -190,7 +203,8 @@ fn refuse_deep_nesting(text: &str) -> std::result::Result<(), u32> {
     let (bytes, mut depth, mut i, mut line) = (text.as_bytes(), 0usize, 0, 1);
     while i < bytes.len() {
         let rest = &bytes[i..];
-        let skip_past = |end: &[u8]| rest.windows(end.len()).position(|w| w == end).map_or(rest.len(), |p| p + end.len());
+        let skip_past =
+            |end: &[u8]| rest.windows(end.len()).position(|w| w == end).map_or(rest.len(), |p| p + end.len());
         let length = if rest[0] != b'<' {
             1
         } else if rest.starts_with(b"<!--") {
@@ -227,7 +241,9 @@ fn refuse_deep_nesting(text: &str) -> std::result::Result<(), u32> {
 }
 
 fn line_starts(text: &str) -> Vec<usize> {
-    std::iter::once(0).chain(text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| i + 1)).collect()
+    std::iter::once(0)
+        .chain(text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| i + 1))
+        .collect()
 }
 
 type Node<'a, 'b> = roxmltree::Node<'a, 'b>;
@@ -261,15 +277,21 @@ impl Reader<'_> {
     fn root(&mut self, node: Node, parent: Option<usize>, depth: usize) -> Result<()> {
         let element = self.element(node)?;
         let version = element.get("version").ok_or_else(|| {
-            self.tree.error(element.pos, format!("<{}> has no version attribute: not a Mitsuba scene", element.tag))
+            self.tree.error(
+                element.pos,
+                format!("<{}> has no version attribute: not a Mitsuba scene", element.tag),
+            )
         })?;
-        let major: u32 = version.split('.').next().and_then(|m| m.trim().parse().ok()).ok_or_else(|| {
-            self.tree.error(element.pos, format!("'{version}' is not a version number"))
-        })?;
+        let major: u32 =
+            version.split('.').next().and_then(|m| m.trim().parse().ok()).ok_or_else(|| {
+                self.tree.error(element.pos, format!("'{version}' is not a version number"))
+            })?;
         if major < 2 {
             return Err(self.tree.error(
                 element.pos,
-                format!("scenes of version {version} are not supported: use Mitsuba 3's format (2.0.0 or later)"),
+                format!(
+                    "scenes of version {version} are not supported: use Mitsuba 3's format (2.0.0 or later)"
+                ),
             ));
         }
         if element.tag == "scene" {
@@ -327,7 +349,9 @@ impl Reader<'_> {
         let tag = &element.tag;
         for (name, _) in &element.attributes {
             if !allowed.iter().any(|a| a.trim_start_matches('!') == name) {
-                return Err(self.tree.error(element.pos, format!("<{tag}> has an unknown attribute '{name}'")));
+                return Err(self
+                    .tree
+                    .error(element.pos, format!("<{tag}> has an unknown attribute '{name}'")));
             }
         }
         for name in allowed.iter().filter_map(|a| a.strip_prefix('!')) {
@@ -429,7 +453,8 @@ impl Reader<'_> {
             }
             "point" | "vector" => {
                 self.check(&element, &["!name", "value", "x", "y", "z"])?;
-                if element.get("value").is_none() && ["x", "y", "z"].iter().any(|a| element.get(a).is_none()) {
+                if element.get("value").is_none() && ["x", "y", "z"].iter().any(|a| element.get(a).is_none())
+                {
                     return error(self.tree, format!("<{tag}> needs a value, or x, y and z"));
                 }
                 Value::Vector(self.vector(&element, 0.0)?)
@@ -565,9 +590,10 @@ impl Reader<'_> {
     fn rgb(&self, text: &str, pos: Pos) -> Result<DVec3> {
         if let Some(hex) = text.trim().strip_prefix('#') {
             let value = u32::from_str_radix(hex, 16).ok().filter(|_| hex.len() == 6 && hex.is_ascii());
-            let value =
-                value.ok_or_else(|| self.tree.error(pos, format!("'{text}' is not a colour like #ff8000")))?;
-            let channel = |shift: u32| crate::image_io::srgb_to_linear(((value >> shift) & 255) as f32 / 255.0) as f64;
+            let value = value
+                .ok_or_else(|| self.tree.error(pos, format!("'{text}' is not a colour like #ff8000")))?;
+            let channel =
+                |shift: u32| crate::image_io::srgb_to_linear(((value >> shift) & 255) as f32 / 255.0) as f64;
             return Ok(DVec3::new(channel(16), channel(8), channel(0)));
         }
         match self.numbers(text, pos)?[..] {
@@ -608,15 +634,17 @@ impl Reader<'_> {
                 };
                 match look_at(origin, target, up) {
                     Some(matrix) => matrix,
-                    None => return error(self.tree, "lookat: origin equals target, or up points along the view"),
+                    None => {
+                        return error(self.tree, "lookat: origin equals target, or up points along the view");
+                    }
                 }
             }
             "matrix" => {
                 self.check(&element, &["!value"])?;
                 match self.numbers(element.get("value").unwrap_or(""), pos)?[..] {
-                    [a, b, c, d, e, f, g, h, i] => DMat4::from_mat3(glam::DMat3::from_cols_array(&[
-                        a, d, g, b, e, h, c, f, i,
-                    ])),
+                    [a, b, c, d, e, f, g, h, i] => {
+                        DMat4::from_mat3(glam::DMat3::from_cols_array(&[a, d, g, b, e, h, c, f, i]))
+                    }
                     ref rows if rows.len() == 16 => DMat4::from_cols_slice(rows).transpose(),
                     _ => return error(self.tree, "a matrix needs 9 or 16 numbers"),
                 }
