@@ -8,20 +8,27 @@
 //! Pruning is exact: distances of points and cells round alike, so no search misses a point that brute force in
 //! `f32` finds.
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 /// Points per block.
-const BLOCK: usize = 8;
+const BLOCK: usize = 4;
 /// Most blocks per leaf.
-const LEAF_BLOCKS: usize = 1;
+const LEAF_BLOCKS: usize = 16;
+/// Most points per leaf.
+const LEAF: usize = BLOCK * LEAF_BLOCKS;
+/// Numbers counted at a time.
+const LANES: usize = 8;
+/// One bit per point of a leaf.
+type Mask = u64;
+/// Up to here, the nearest are kept sorted by insertion.
+const SMALL_K: usize = 8;
 /// Subtrees of fewer points are built by one thread.
 const SEQUENTIAL: usize = 8192;
 /// No tree is deeper: slots are `u32`.
 const MAX_DEPTH: usize = 32;
 
 #[derive(Clone, Copy, Debug)]
-#[repr(C, align(32))]
-struct Block([[f32; BLOCK]; 3]);
+struct Block([Vec4; 3]);
 
 /// A balanced kd-tree.
 #[derive(Clone, Debug)]
@@ -67,10 +74,10 @@ impl KdTree {
             let i = (m | 1 << depth) >> (m.trailing_zeros() + 1);
             (planes[i], axes[i]) = nodes[m];
         }
-        let blocks = items
+        let mut blocks: Vec<Block> = items
             .chunks(BLOCK)
             .map(|chunk| {
-                let mut block = Block([[f32::NAN; BLOCK]; 3]);
+                let mut block = Block([Vec4::NAN; 3]);
                 for (k, item) in chunk.iter().enumerate() {
                     for a in 0..3 {
                         block.0[a][k] = item.c[a];
@@ -79,6 +86,7 @@ impl KdTree {
                 block
             })
             .collect();
+        blocks.resize(blocks.len() + LEAF_BLOCKS, Block([Vec4::NAN; 3]));
         let order = items.iter().map(|item| item.index).collect();
         (KdTree { len: points.len(), blocks, planes, axes }, order)
     }
@@ -103,11 +111,11 @@ impl KdTree {
     /// Visits every point with distance² <= r² in no particular order, as `visit(slot, distance²)`.
     pub fn within(&self, p: Vec3, r: f32, mut visit: impl FnMut(u32, f32)) {
         let bound = below(r);
-        self.traverse(p, bound, |first, d2| {
-            for (k, &d2) in d2.iter().enumerate() {
-                if d2 < bound {
-                    visit(first + k as u32, d2);
-                }
+        self.traverse(p, bound, |first, mut mask, d2| {
+            while mask != 0 {
+                let k = mask.trailing_zeros();
+                mask &= mask - 1;
+                visit(first + k as u32, d2[k as usize % LEAF]);
             }
             bound
         });
@@ -127,15 +135,21 @@ impl KdTree {
         mut accept: impl FnMut(u32, f32) -> bool,
     ) {
         heap.clear(below(r_max));
-        self.traverse(p, heap.bound, |first, d2| heap.add(first, d2, &mut accept));
+        if heap.k == 0 {
+            return;
+        }
+        self.traverse(p, heap.bound, |first, mask, d2| heap.add(first, mask, d2, &mut accept));
         heap.finish();
     }
 
     /// Offers the blocks that may hold distances² below `bound`, near ones first. `block(first slot, distances²)`
     /// returns the new bound. Missing points of the last block are at distance NaN.
     #[inline(always)]
-    fn traverse(&self, p: Vec3, mut bound: f32, mut block: impl FnMut(u32, &[f32; BLOCK]) -> f32) {
-        let (n_leaves, n_blocks) = (self.planes.len(), self.blocks.len());
+    fn traverse(&self, p: Vec3, mut bound: f32, mut leaf: impl FnMut(u32, Mask, &[f32; LEAF]) -> f32) {
+        let (n_leaves, n_blocks) = (self.planes.len(), self.len.div_ceil(BLOCK));
+        let leaf_blocks = n_blocks.div_ceil(n_leaves);
+        let (x, y, z) = (Vec4::splat(p.x), Vec4::splat(p.y), Vec4::splat(p.z));
+        let mut d2 = [Vec4::ZERO; LEAF_BLOCKS];
         let depth = n_leaves.trailing_zeros();
         let q = [p.x, p.y, p.z, 0.0];
         // The distance to a cell per axis (Arya & Mount 1993, "Algorithms for Fast Vector Quantization").
@@ -155,13 +169,20 @@ impl KdTree {
             let j = node as u64 - n_leaves as u64;
             let begin = (j * n_blocks as u64) >> depth;
             let end = ((j + 1) * n_blocks as u64) >> depth;
-            for b in begin as usize..end as usize {
-                let Block(c) = &self.blocks[b];
-                let mut d2 = [0.0; BLOCK];
-                for k in 0..BLOCK {
-                    d2[k] = length2([c[0][k] - p.x, c[1][k] - p.y, c[2][k] - p.z]);
+            let (begin, end) = (begin as usize, end as usize);
+            let mut mask: Mask = 0;
+            let limit = Vec4::splat(bound);
+            if let Some(blocks) = self.blocks.get(begin..begin + leaf_blocks) {
+                for (b, Block(c)) in blocks.iter().enumerate() {
+                    let (x, y, z) = (c[0] - x, c[1] - y, c[2] - z);
+                    let d = x * x + y * y + z * z;
+                    d2[b % LEAF_BLOCKS] = d;
+                    mask |= (d.cmplt(limit).bitmask() as Mask) << (BLOCK * b);
                 }
-                bound = block((b * BLOCK) as u32, &d2);
+                if end - begin < leaf_blocks {
+                    mask &= (1 << (BLOCK * (end - begin))) - 1;
+                }
+                bound = leaf((begin * BLOCK) as u32, mask, bytemuck::cast_ref(&d2));
             }
             loop {
                 if n == 0 {
@@ -248,19 +269,27 @@ fn widest(items: &[Item]) -> usize {
 }
 
 /// Scratch and result of a search for the k nearest: reused, it never allocates.
+///
+/// Not a binary heap: candidates are gathered unordered, and now and then a bound on the k-th distance is found by
+/// counting, which vectorises and has no branch to mispredict.
 #[derive(Clone, Debug)]
 pub struct KnnHeap {
     k: usize,
-    /// Candidates: bits of distance² above the slot, so that they order by distance.
-    keys: Vec<u64>,
+    /// Candidates are the first `len`; beyond them there is always room for a leaf.
+    d2: Vec<f32>,
+    slots: Vec<u32>,
     len: usize,
+    /// Only points nearer than this can still be among the k nearest.
     bound: f32,
+    /// The number of candidates at which to look for a better bound.
+    full: usize,
 }
 
 impl KnnHeap {
     /// For the `k` nearest.
     pub fn new(k: usize) -> KnnHeap {
-        KnnHeap { k, keys: vec![0; 2 * k + 2 * BLOCK], len: 0, bound: 0.0 }
+        let room = (3 * k + 2 * LEAF).next_multiple_of(LANES);
+        KnnHeap { k, d2: vec![0.0; room], slots: vec![0; room], len: 0, bound: 0.0, full: 0 }
     }
 
     /// How many were found.
@@ -280,52 +309,348 @@ impl KnnHeap {
 
     /// The slots found and their distances², in no particular order.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (u32, f32)> + '_ {
-        self.keys[..self.len].iter().map(|&key| (key as u32, distance2(key)))
+        self.slots[..self.len].iter().copied().zip(self.d2[..self.len].iter().copied())
     }
 
     /// The greatest distance² among the points found, or 0.
     pub fn max_dist2(&self) -> f32 {
-        self.keys[..self.len].iter().max().map_or(0.0, |&key| distance2(key))
+        max(&self.d2[..self.len])
     }
 
     fn clear(&mut self, bound: f32) {
         self.len = 0;
         self.bound = bound;
+        self.full = self.k;
     }
 
+    /// Takes the points of a leaf in `mask` that are accepted; returns the new bound.
     #[inline(always)]
-    fn add(&mut self, first: u32, d2: &[f32; BLOCK], accept: &mut impl FnMut(u32, f32) -> bool) -> f32 {
-        let Some(room) = self.keys.get_mut(self.len..self.len + BLOCK) else { return self.bound };
-        let mut n = 0;
-        for (k, &d2) in d2.iter().enumerate() {
-            let slot = first + k as u32;
-            room[n & (BLOCK - 1)] = (d2.to_bits() as u64) << 32 | slot as u64;
-            n += (d2 < self.bound && accept(slot, d2)) as usize;
+    fn add(
+        &mut self,
+        first: u32,
+        mut mask: Mask,
+        d2: &[f32; LEAF],
+        accept: &mut impl FnMut(u32, f32) -> bool,
+    ) -> f32 {
+        if self.k <= SMALL_K {
+            return self.insert(first, mask, d2, accept);
         }
-        self.len += n;
-        if self.len + BLOCK > self.keys.len() {
-            self.shrink();
+        let room = self.len..self.len + LEAF;
+        if let (Some(out_d2), Some(out_slots)) = (self.d2.get_mut(room.clone()), self.slots.get_mut(room)) {
+            let mut n = 0;
+            while mask != 0 {
+                let k = mask.trailing_zeros();
+                mask &= mask - 1;
+                let (slot, d2) = (first + k as u32, d2[k as usize % LEAF]);
+                out_d2[n % LEAF] = d2;
+                out_slots[n % LEAF] = slot;
+                n += accept(slot, d2) as usize;
+            }
+            self.len += n;
+            if self.len >= self.full {
+                self.tighten();
+            }
         }
         self.bound
     }
 
-    fn shrink(&mut self) {
-        if self.k == 0 {
-            self.len = 0;
-            return;
+    /// Sorted insertion, for small k.
+    #[inline(always)]
+    fn insert(
+        &mut self,
+        first: u32,
+        mut mask: Mask,
+        d2: &[f32; LEAF],
+        accept: &mut impl FnMut(u32, f32) -> bool,
+    ) -> f32 {
+        while mask != 0 {
+            let k = mask.trailing_zeros();
+            mask &= mask - 1;
+            let (slot, d2) = (first + k as u32, d2[k as usize % LEAF]);
+            if d2 < self.bound && accept(slot, d2) {
+                let mut i = self.len.min(self.k - 1);
+                while i > 0 && self.d2[i - 1] > d2 {
+                    self.d2[i] = self.d2[i - 1];
+                    self.slots[i] = self.slots[i - 1];
+                    i -= 1;
+                }
+                self.d2[i] = d2;
+                self.slots[i] = slot;
+                self.len = (self.len + 1).min(self.k);
+                if self.len == self.k {
+                    self.bound = self.d2[self.k - 1];
+                }
+            }
         }
-        let (_, key, _) = self.keys[..self.len].select_nth_unstable(self.k - 1);
-        self.bound = distance2(*key);
-        self.len = self.k;
+        self.bound
+    }
+
+    /// Lowers the bound, and drops candidates if room for a leaf needs it.
+    #[inline(never)]
+    fn tighten(&mut self) {
+        let (below, _) = self.threshold(self.k / 8);
+        self.bound = f32::from_bits(below.1);
+        self.full = self.len + self.k / 4;
+        if self.full + LEAF > self.d2.len() {
+            self.select();
+            self.full = self.len + self.k / 4;
+        }
     }
 
     fn finish(&mut self) {
         if self.len > self.k {
-            self.shrink();
+            self.select();
         }
+    }
+
+    /// Keeps the k nearest of more than k candidates.
+    fn select(&mut self) {
+        let ((lo, hi), n_lo) = self.threshold(0);
+        // Either k candidates are below hi, or hi follows lo and the rest is as far as lo.
+        let (lo, hi) = (f32::from_bits(lo), f32::from_bits(hi));
+        let mut n_ties = 0;
+        let mut n = 0;
+        for i in 0..self.len {
+            let (d2, slot) = (self.d2[i], self.slots[i]);
+            self.d2[n] = d2;
+            self.slots[n] = slot;
+            n += (d2 < hi) as usize;
+        }
+        self.len = n;
+        if n > self.k {
+            n = 0;
+            for i in 0..self.len {
+                let (d2, slot) = (self.d2[i], self.slots[i]);
+                self.d2[n] = d2;
+                self.slots[n] = slot;
+                let tie = d2 == lo;
+                n += (!tie || n_lo + n_ties < self.k) as usize;
+                n_ties += tie as usize;
+            }
+            self.len = n;
+        }
+    }
+
+    /// Finds bits (lo, hi) of distances² with fewer than k candidates below lo, and at least k but at most k + slack
+    /// below hi, unless ties prevent that: then hi is next to lo. Also the number below lo. There must be k candidates.
+    fn threshold(&mut self, slack: usize) -> ((u32, u32), usize) {
+        let end = self.len.next_multiple_of(LANES);
+        self.d2[self.len..end].fill(f32::NAN);
+        let d2 = &self.d2[..end];
+        let (mut lo, mut n_lo) = (0u32, 0);
+        let (mut hi, mut n_hi) = if self.bound < f32::INFINITY {
+            (self.bound.to_bits(), count_below(d2, self.bound))
+        } else {
+            (max(&self.d2[..self.len]).to_bits() + 1, self.len)
+        };
+        let mut interpolate = 3;
+        while n_hi > self.k + slack && hi - lo > 1 {
+            // On a surface, counts are about proportional to distance².
+            let t = if interpolate > 0 {
+                interpolate -= 1;
+                let (a, b) = (f32::from_bits(lo), f32::from_bits(hi));
+                let x = (self.k - n_lo) as f32 + 0.5 * slack as f32 + 0.25;
+                (a + (b - a) * x / (n_hi - n_lo) as f32).to_bits().clamp(lo + 1, hi - 1)
+            } else {
+                interpolate = 2;
+                lo + (hi - lo) / 2
+            };
+            let n = count_below(d2, f32::from_bits(t));
+            if n < self.k {
+                (lo, n_lo) = (t, n);
+            } else {
+                (hi, n_hi) = (t, n);
+            }
+        }
+        ((lo, hi), n_lo)
     }
 }
 
-fn distance2(key: u64) -> f32 {
-    f32::from_bits((key >> 32) as u32)
+/// How many numbers are below `t`; the length is a multiple of [`LANES`].
+fn count_below(d2: &[f32], t: f32) -> usize {
+    let mut n = [0u32; LANES];
+    for lane in d2.chunks_exact(LANES) {
+        for (n, &d2) in n.iter_mut().zip(lane) {
+            *n += (d2 < t) as u32;
+        }
+    }
+    n.iter().sum::<u32>() as usize
+}
+
+/// The greatest of non-negative numbers.
+fn max(d2: &[f32]) -> f32 {
+    d2.iter().fold(0.0, |m, &d2| if d2 > m { d2 } else { m })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn brute(points: &[Vec3], p: Vec3) -> Vec<f32> {
+        let mut d2: Vec<f32> = points.iter().map(|&q| length2((q - p).to_array())).collect();
+        d2.sort_by(f32::total_cmp);
+        d2
+    }
+
+    /// Every search against brute force, bit by bit; `k` and `r` are tried at `p`.
+    fn check(points: &[Vec3], p: Vec3, k: usize, r: f32) {
+        let (tree, order) = KdTree::build(points);
+        assert_eq!(tree.len(), points.len());
+        let mut seen = order.clone();
+        seen.sort_unstable();
+        assert!(seen.iter().copied().eq(0..points.len() as u32), "order is no permutation");
+        for (slot, &i) in order.iter().enumerate() {
+            assert_eq!(tree.position(slot as u32), points[i as usize]);
+        }
+        let expected: Vec<f32> = brute(points, p).into_iter().filter(|&d2| d2 <= r * r).collect();
+        let sorted = |found: &[(u32, f32)]| {
+            let mut slots: Vec<u32> = found.iter().map(|f| f.0).collect();
+            slots.sort_unstable();
+            slots.dedup();
+            assert_eq!(slots.len(), found.len(), "a slot was found twice");
+            let mut d2: Vec<f32> = found.iter().map(|f| f.1).collect();
+            d2.sort_by(f32::total_cmp);
+            for &(slot, d2) in found {
+                assert_eq!(d2, length2((tree.position(slot) - p).to_array()));
+            }
+            d2
+        };
+        let mut found = Vec::new();
+        tree.within(p, r, |slot, d2| found.push((slot, d2)));
+        assert_eq!(sorted(&found), expected);
+
+        let mut heap = KnnHeap::new(k);
+        for _ in 0..2 {
+            tree.nearest(p, r, &mut heap);
+            let found: Vec<_> = heap.iter().collect();
+            let nearest = &expected[..k.min(expected.len())];
+            assert_eq!(sorted(&found), nearest);
+            assert_eq!(heap.len(), nearest.len());
+            assert_eq!(heap.is_full(), nearest.len() == k);
+            assert_eq!(heap.max_dist2(), nearest.last().copied().unwrap_or(0.0));
+        }
+
+        let even = |slot: u32| order[slot as usize] % 2 == 0;
+        let half: Vec<Vec3> = points.iter().copied().step_by(2).collect();
+        let expected: Vec<f32> = brute(&half, p).into_iter().filter(|&d2| d2 <= r * r).take(k).collect();
+        tree.nearest_filtered(p, r, &mut heap, |slot, d2| {
+            assert!(d2 <= r * r);
+            even(slot)
+        });
+        let found: Vec<_> = heap.iter().collect();
+        assert!(found.iter().all(|&(slot, _)| even(slot)));
+        assert_eq!(sorted(&found), expected);
+    }
+
+    fn coordinate() -> impl Strategy<Value = f32> + Clone {
+        prop_oneof![4 => -1.0f32..1.0, 1 => -1e-3f32..1e-3, 1 => Just(0.0), 1 => -1e6f32..1e6]
+    }
+
+    fn vec3(x: impl Strategy<Value = f32> + Clone) -> impl Strategy<Value = Vec3> {
+        (x.clone(), x.clone(), x).prop_map(|(x, y, z)| Vec3::new(x, y, z))
+    }
+
+    /// A point set, and a strategy for where to search it: near a random point, or at one of the set.
+    fn points() -> impl Strategy<Value = Vec<Vec3>> {
+        let random = || prop::collection::vec(vec3(coordinate()), 0..1500);
+        // Ties: a coarse grid, duplicates, a line and a plane, axis-parallel or not.
+        let grid = prop::collection::vec(vec3((-4..4i32).prop_map(|i| i as f32)), 0..1500);
+        let duplicates = (vec3(coordinate()), 0..700usize).prop_map(|(p, n)| vec![p; n]);
+        let line = (vec3(-1.0f32..1.0), prop::collection::vec(-1.0f32..1.0, 0..700))
+            .prop_map(|(d, t)| t.iter().map(|&t| d * t).collect());
+        let flat = (random(), vec3(prop_oneof![Just(0.0f32), -1.0f32..1.0])).prop_map(|(ps, d)| {
+            ps.iter().map(|p| Vec3::new(p.x, p.y, p.x * d.x + p.y * d.y + d.z)).collect()
+        });
+        let few = (random(), vec3(coordinate()), 1..9usize).prop_map(|(ps, q, n)| {
+            ps.iter().enumerate().map(|(i, &p)| if i % n == 0 { p } else { q }).collect()
+        });
+        prop_oneof![random(), grid, duplicates, line, flat, few]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig {
+            cases: 400,
+            failure_persistence: None,
+            rng_algorithm: prop::test_runner::RngAlgorithm::ChaCha,
+            ..ProptestConfig::default()
+        })]
+
+        #[test]
+        fn searches_agree_with_brute_force(
+            points in points(),
+            at in any::<prop::sample::Index>(),
+            offset in vec3(prop_oneof![Just(0.0f32), -0.1f32..0.1, -2.0f32..2.0, (-4..4i32).prop_map(|i| i as f32)]),
+            k in prop_oneof![0..12usize, 12..80usize, 80..2000usize],
+            r in prop_oneof![Just(f32::INFINITY), Just(0.0f32), Just(1.0f32), 0.0f32..2.0, 0.0f32..0.2],
+        ) {
+            let p = offset + if points.is_empty() { Vec3::ZERO } else { points[at.index(points.len())] };
+            check(&points, p, k, r);
+        }
+    }
+
+    #[test]
+    fn small_and_empty() {
+        for n in 0..200 {
+            let points: Vec<Vec3> =
+                (0..n).map(|i| Vec3::new((i * 7 % 31) as f32, (i * 5 % 17) as f32, 0.5)).collect();
+            for k in [0, 1, 5, 9, 50, 300] {
+                check(&points, Vec3::new(3.0, 4.0, 1.0), k, f32::INFINITY);
+                check(&points, Vec3::new(3.0, 4.0, 0.5), k, 5.0);
+            }
+        }
+    }
+
+    /// Points on a grid of 128³: ties in every coordinate, and duplicates.
+    fn many(n: u32) -> Vec<Vec3> {
+        let coordinate =
+            |i: u32, salt: u32| ((i ^ salt).wrapping_mul(0x9e37_79b9).rotate_left(salt) >> 25) as f32;
+        (0..n).map(|i| Vec3::new(coordinate(i, 1), coordinate(i, 6), coordinate(i, 11))).collect()
+    }
+
+    #[test]
+    fn build_does_not_depend_on_threads() {
+        let points = many(100_000);
+        let build = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let (tree, order) = pool.install(|| KdTree::build(&points));
+            (order, tree.planes, tree.axes)
+        };
+        let one = build(1);
+        for threads in [2, 3] {
+            assert!(build(threads) == one);
+        }
+    }
+
+    #[test]
+    fn large_trees_agree_with_brute_force() {
+        let points = many(50_000);
+        for (i, k) in [1, 7, 50, 500, 40_000].into_iter().enumerate() {
+            check(&points, points[i] + Vec3::new(0.0, 0.3, i as f32), k, f32::INFINITY);
+            check(&points, points[i], k, 3.0);
+        }
+    }
+
+    #[test]
+    fn odd_numbers_do_no_harm() {
+        let mut points = many(5_000);
+        for (i, p) in points.iter_mut().enumerate() {
+            match i % 9 {
+                0 => p.x = f32::NAN,
+                1 => p.y = f32::INFINITY,
+                2 => p.z = f32::NEG_INFINITY,
+                3 => *p = Vec3::splat(-f32::NAN),
+                _ => {}
+            }
+        }
+        let (tree, order) = KdTree::build_any(&points);
+        assert_eq!(order.len(), points.len());
+        let mut heap = KnnHeap::new(20);
+        for p in points.iter().chain(&[Vec3::splat(f32::MAX), Vec3::splat(f32::INFINITY)]).take(500) {
+            tree.nearest(*p, f32::INFINITY, &mut heap);
+            assert!(heap.len() <= 20);
+            tree.within(*p, 1.0, |slot, _| assert!(slot < 5_000));
+            tree.within(*p, f32::NAN, |_, _| unreachable!());
+        }
+    }
 }

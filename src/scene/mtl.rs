@@ -16,7 +16,7 @@
 use super::material::{Material, Roughness};
 use super::place::{Placement, look_at, place};
 use super::{SceneDescription, obj};
-use crate::bsdf::{Coating, Distribution, RoughCoating};
+use crate::bsdf::{Distribution, RoughCoating};
 use crate::camera::Camera;
 use crate::film::{FilmSettings, Filter};
 use crate::image_io;
@@ -30,7 +30,7 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Roughest coating: `Ns` 0 would be α = 1.
+/// Index of glass and coatings that give none.
 const INDEX: f32 = 1.5;
 const FIELD_OF_VIEW: f32 = 40.0;
 

@@ -418,9 +418,9 @@ mod tests {
             }
         }
         bytes.push(2);
-        [7i32, 8].map(|v| put(&mut bytes, little, v.to_le_bytes()));
+        [7i32, 8].iter().for_each(|v| put(&mut bytes, little, v.to_le_bytes()));
         bytes.extend([9, 4]);
-        [0i32, 1, 2, 3].map(|v| put(&mut bytes, little, v.to_le_bytes()));
+        [0i32, 1, 2, 3].iter().for_each(|v| put(&mut bytes, little, v.to_le_bytes()));
         bytes
     }
 

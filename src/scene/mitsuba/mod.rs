@@ -9,6 +9,9 @@ mod shapes;
 mod textures;
 mod xml;
 
+#[cfg(test)]
+mod tests;
+
 use super::{IntegratorParam, SceneDescription};
 use crate::Result;
 use crate::light::Light;

@@ -74,7 +74,6 @@ pub(super) struct Object {
     pub tag: String,
     /// The `type` attribute.
     pub plugin: String,
-    pub id: String,
     pub pos: Pos,
     pub properties: Vec<Property>,
 }
@@ -364,12 +363,11 @@ impl Reader<'_> {
 
     fn add_object(&mut self, element: &Element, plugin: String) -> Result<usize> {
         let index = self.tree.objects.len();
-        let id = element.get("id").unwrap_or("").to_string();
-        if !id.is_empty() {
-            self.name_object(&id, index, element.pos)?;
+        if let Some(id) = element.get("id").filter(|id| !id.is_empty()) {
+            self.name_object(id, index, element.pos)?;
         }
         let tag = if element.tag == "spectrum" { "texture".into() } else { element.tag.clone() };
-        self.tree.objects.push(Object { tag, plugin, id, pos: element.pos, properties: Vec::new() });
+        self.tree.objects.push(Object { tag, plugin, pos: element.pos, properties: Vec::new() });
         Ok(index)
     }
 

@@ -1,0 +1,477 @@
+//! Small scenes: what they load to, and that every mistake names its file and line.
+
+use crate::bsdf::Distribution;
+use crate::film::Filter;
+use crate::light::Light;
+use crate::math::Rgb;
+use crate::scene::{Material, SceneDescription, load};
+use crate::shape::Shape;
+use crate::texture::{Color, Scalar, Texture};
+use crate::{Error, Result};
+use glam::{Vec2, Vec3};
+use std::fs;
+use std::path::Path;
+
+const SENSOR: &str = "<sensor type='perspective'/>";
+
+/// Line 1 holds `<scene>` and the sensor, the body begins in line 2.
+fn scene_text(body: &str) -> String {
+    format!("<scene version='3.0.0'>{SENSOR}\n{body}\n</scene>")
+}
+
+fn load_text(text: &str, defines: &[(&str, &str)]) -> Result<SceneDescription> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.xml");
+    fs::write(&path, text).unwrap();
+    let defines: Vec<_> = defines.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect();
+    load(&path, &defines, None)
+}
+
+fn load_body(body: &str) -> Result<SceneDescription> {
+    load_text(&scene_text(body), &[])
+}
+
+/// The material of a sphere with the given bsdf.
+fn material(bsdf: &str) -> Material {
+    let scene =
+        load_body(&format!("<shape type='sphere'>{bsdf}</shape>")).unwrap_or_else(|e| panic!("{bsdf}: {e}"));
+    scene.materials[scene.shape_material[0] as usize].clone()
+}
+
+#[test]
+fn parameters_are_substituted() {
+    let text = scene_text(
+        "<default name='r' value='2'/><default name='radius' value='3'/>\
+         <shape type='sphere'><float name='radius' value='$radius'/><point name='center' value='$r,0,0'/></shape>",
+    );
+    let sphere = |defines: &[(&str, &str)]| {
+        let scene = load_text(&text, defines).unwrap();
+        let Shape::Sphere(s) = scene.geometry.shapes[0].clone() else { panic!() };
+        (s.radius, s.center.x, scene.warnings)
+    };
+    assert_eq!(sphere(&[]), (3.0, 2.0, vec![]));
+    assert_eq!(sphere(&[("radius", "5")]), (5.0, 2.0, vec![]));
+    let (.., warnings) = sphere(&[("other", "5")]);
+    assert!(warnings[0].contains("other"), "{warnings:?}");
+    let escaped = load_body("<shape type='sphere' id='\\$x'/><shape type='sphere'><ref id='\\$y'/></shape>");
+    assert!(escaped.unwrap_err().to_string().contains("'$y'"));
+}
+
+#[test]
+fn includes_paths_and_references() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, text).unwrap();
+    };
+    file(
+        "scenes/main.xml",
+        "<scene version='3.0.0'><path value='../common'/><default name='m' value='white'/>\
+         <include filename='parts/shapes.xml'/><include filename='sensor.xml'/>\
+         <bsdf type='diffuse' id='white'/><alias id='white' as='same'/></scene>",
+    );
+    file(
+        "scenes/parts/shapes.xml",
+        "<scene version='2.0.0'><shape type='obj'><string name='filename' value='a.obj'/><ref id='$m'/></shape>\
+         <shape type='ply'><string name='filename' value='b.ply'/><ref id='same'/></shape></scene>",
+    );
+    file("scenes/sensor.xml", "<sensor version='3.0.0' type='perspective'/>");
+    file("common/a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    file(
+        "scenes/b.ply",
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+         element face 1\nproperty list uchar int vertex_index\nend_header\n0 0 0 1 0 0 0 1 0 3 0 1 2\n",
+    );
+    let scene = load(&folder.path().join("scenes/main.xml"), &[], None).unwrap();
+    assert_eq!(scene.geometry.shapes.len(), 2);
+    assert_eq!(scene.shape_material, [0, 0]);
+}
+
+#[test]
+fn transforms_compose_in_order() {
+    // scale, rotate 90° about y, translate; the expected points follow from doing so by hand.
+    let scene = load_body(
+        "<shape type='rectangle'><transform name='to_world'><scale x='2' y='3'/><rotate y='1' angle='90'/>\
+         <translate value='1, 2, 3'/></transform></shape>\
+         <shape type='rectangle'><transform name='to_world'><matrix value='0 0 1 1  0 3 0 2  -2 0 0 3  0 0 0 1'/>\
+         </transform></shape>",
+    );
+    for shape in scene.unwrap().geometry.shapes {
+        let Shape::Mesh(mesh) = shape else { panic!() };
+        assert!(mesh.positions[0].distance(Vec3::new(1.0, -1.0, 5.0)) < 1e-6, "{:?}", mesh.positions);
+        assert!(mesh.area_vector(0).normalize().distance(Vec3::X) < 1e-6);
+    }
+}
+
+/// tan(fov_x / 2) of Mitsuba 3.9.1's `parse_fov` at aspect 4:3.
+#[test]
+fn fields_of_view() {
+    let half_width = |sensor: &str| {
+        let text = format!(
+            "<scene version='3.0.0'><sensor type='perspective'>{sensor}<transform name='to_world'>\
+             <lookat origin='1,2,3' target='1,2,-5' up='0,1,0'/></transform></sensor><shape type='sphere'/></scene>"
+        );
+        let camera = load_text(&text, &[]).unwrap().camera;
+        assert!(camera.to_world.transform_vector3(Vec3::Z).distance(Vec3::NEG_Z) < 1e-6);
+        assert!(camera.to_world.transform_vector3(Vec3::X).distance(Vec3::NEG_X) < 1e-6);
+        assert_eq!(camera.clip, (0.0, f32::INFINITY));
+        camera.half_width
+    };
+    let tan = |degrees: f32| (0.5 * degrees.to_radians()).tan();
+    let fov = |axis: &str| {
+        half_width(&format!("<float name='fov' value='40'/><string name='fov_axis' value='{axis}'/>"))
+    };
+    for (found, expected) in [
+        (fov("x"), tan(40.0)),
+        (fov("larger"), tan(40.0)),
+        (fov("y"), tan(40.0) * 4.0 / 3.0),
+        (fov("smaller"), tan(40.0) * 4.0 / 3.0),
+        (fov("diagonal"), tan(40.0) * 0.8),
+        (half_width(""), tan(38.180_75)),
+        (half_width("<string name='focal_length' value='35 mm'/>"), 43.266_615 / 70.0 * 0.8),
+    ] {
+        assert!((found - expected).abs() < 1e-4, "{found} {expected}");
+    }
+}
+
+#[test]
+fn films_and_samplers() {
+    let text = "<scene version='3.0.0'><sensor type='thinlens'><float name='aperture_radius' value='.1'/>\
+        <float name='focus_distance' value='3'/><film type='hdrfilm'><integer name='width' value='40'/>\
+        <integer name='height' value='20'/><integer name='crop_offset_x' value='5'/>\
+        <integer name='crop_width' value='30'/><string name='pixel_format' value='rgba'/>\
+        <rfilter type='tent'><float name='radius' value='2'/></rfilter></film>\
+        <sampler type='multijitter'><integer name='sample_count' value='9'/><float name='odd' value='1'/></sampler>\
+        </sensor><sensor type='perspective'/><shape type='sphere'/></scene>";
+    let scene = load_text(text, &[]).unwrap();
+    assert_eq!((scene.film.size, scene.film.crop), ((40, 20), (5, 0, 30, 20)));
+    assert_eq!(scene.film.filter, Filter::Tent { radius: 2.0 });
+    assert_eq!((scene.camera.aperture_radius, scene.camera.focus_distance), (0.1, 3.0));
+    assert_eq!(scene.sample_count, 9);
+    assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.xml");
+    fs::write(&path, text).unwrap();
+    let scene = load(&path, &[], Some((10, 30))).unwrap();
+    assert_eq!((scene.film.size, scene.film.crop), ((10, 30), (0, 0, 10, 30)));
+    assert!((scene.camera.aspect - 1.0 / 3.0).abs() < 1e-6);
+    assert!(matches!(load(&path, &[], Some((0, 30))), Err(Error::Usage(_))));
+    let defaults = load_body("<shape type='sphere'/>").unwrap();
+    assert_eq!((defaults.film.size, defaults.sample_count), ((768, 576), 4));
+    assert_eq!(defaults.film.filter, Filter::Gaussian { stddev: 0.5 });
+}
+
+#[test]
+fn integrators_are_unwrapped() {
+    let scene = load_body(
+        "<shape type='sphere'/><integrator type='moment'><integrator type='direct'>\
+         <integer name='shading_samples' value='4'/><boolean name='hide_emitters' value='true'/>\
+         </integrator></integrator>",
+    )
+    .unwrap();
+    assert_eq!(scene.integrator, "direct");
+    let params: Vec<_> =
+        scene.integrator_params.iter().map(|p| (p.name.as_str(), p.value.as_str(), p.line)).collect();
+    assert_eq!(params, [("hide_emitters", "true", 2), ("max_depth", "2", 2)]);
+    assert!(scene.warnings[0].contains("shading_samples"));
+}
+
+#[test]
+fn materials() {
+    let eta_is = |material: Material, expected: f32| match material {
+        Material::Dielectric { eta, .. } | Material::ThinDielectric { eta, .. } => {
+            assert!((eta - expected).abs() < 1e-6, "{eta} {expected}");
+        }
+        other => panic!("{other:?}"),
+    };
+    eta_is(material("<bsdf type='dielectric'/>"), 1.5046 / 1.000_277);
+    eta_is(
+        material(
+            "<bsdf type='dielectric'><float name='int_ior' value='1.5'/><float name='ext_ior' value='1'/></bsdf>",
+        ),
+        1.5,
+    );
+    eta_is(
+        material("<bsdf type='thindielectric'><string name='int_ior' value='Diamond'/></bsdf>"),
+        2.419 / 1.000_277,
+    );
+    let Material::Conductor { eta, k, .. } =
+        material("<bsdf type='conductor'><string name='material' value='Au'/></bsdf>")
+    else {
+        panic!()
+    };
+    // Mitsuba 3.9.1, scalar_rgb.
+    let close = |c: Color, rgb: [f32; 3]| match c {
+        Color::Constant(c) => assert!(c.distance(Rgb::from_array(rgb)) < 1e-3, "{c}"),
+        Color::Texture(_) => panic!(),
+    };
+    close(eta, [0.143_036, 0.375_307, 1.442_045]);
+    close(k, [3.982_997, 2.385_557, 1.603_359]);
+    assert!(matches!(
+        material("<bsdf type='conductor'/>"),
+        Material::Conductor { eta: Color::Constant(Rgb::ZERO), k: Color::Constant(Rgb::ONE), .. }
+    ));
+    let Material::RoughConductor { roughness, .. } = material(
+        "<bsdf type='roughconductor'><string name='distribution' value='ggx'/><float name='alpha_u' value='.1'/>\
+         <float name='alpha_v' value='.3'/></bsdf>",
+    ) else {
+        panic!()
+    };
+    assert_eq!(roughness.distribution, Distribution::Ggx);
+    assert_eq!((roughness.alpha_u, roughness.alpha_v), (Scalar::Constant(0.1), Scalar::Constant(0.3)));
+    assert!(material("<bsdf type='roughplastic'><float name='alpha' value='.2'/></bsdf>").lobes().smooth);
+    assert!(matches!(material("<bsdf type='plastic'/>"), Material::Plastic { nonlinear: false, .. }));
+    assert!(matches!(material("<bsdf type='null'/>"), Material::Null));
+    let masked = "<bsdf type='mask'><float name='opacity' value='.2'/><bsdf type='twosided'><bsdf type='diffuse'/>\
+                  <bsdf type='conductor'/></bsdf></bsdf>";
+    let Material::Mask { opacity: Scalar::Constant(0.2), nested } = material(masked) else { panic!() };
+    assert!(matches!(*nested, Material::TwoSided { back: Some(_), .. }));
+    let grey = Color::Constant(Rgb::splat(0.5));
+    assert!(matches!(material(""), Material::Diffuse { reflectance } if reflectance == grey));
+}
+
+#[test]
+fn colours() {
+    let reflectance = |value: &str| match material(&format!("<bsdf type='diffuse'>{value}</bsdf>")) {
+        Material::Diffuse { reflectance: Color::Constant(c) } => c,
+        other => panic!("{other:?}"),
+    };
+    let is = |value: &str, expected: [f32; 3]| {
+        let c = reflectance(value);
+        assert!(c.distance(Rgb::from_array(expected)) < 1e-3, "{value}: {c}");
+    };
+    is("<rgb name='reflectance' value='.1, .2 .3'/>", [0.1, 0.2, 0.3]);
+    is("<rgb name='reflectance' value='.1'/>", [0.1; 3]);
+    is("<rgb name='reflectance' value='#ff8000'/>", [1.0, 0.215_86, 0.0]);
+    is("<float name='reflectance' value='.3'/>", [0.3; 3]);
+    is("<spectrum name='reflectance' value='.3'/>", [0.3; 3]);
+    is(
+        "<spectrum name='reflectance' value='400:0.78, 500:0.78, 600:0.78, 700:0.78'/>",
+        [0.776_37, 0.779_81, 0.776_03],
+    );
+    is("<spectrum name='reflectance' type='uniform'><float name='value' value='.4'/></spectrum>", [0.4; 3]);
+    let irregular = "<spectrum name='reflectance' type='irregular'><string name='wavelengths' value='400,700'/>\
+                     <string name='values' value='.1,.9'/></spectrum>";
+    is(irregular, [0.742_85, 0.481_14, 0.208_32]);
+}
+
+#[test]
+fn emitters() {
+    let scene = load_body(
+        "<emitter type='point'><point name='position' x='1' y='2' z='3'/><rgb name='intensity' value='300'/></emitter>\
+         <emitter type='directional'><vector name='direction' value='0,0,-2'/></emitter>\
+         <emitter type='constant'><spectrum name='radiance' value='5'/></emitter>\
+         <emitter type='spot'><float name='cutoff_angle' value='30'/><transform name='to_world'>\
+         <lookat origin='0,0,0' target='0,0,1' up='0,1,0'/></transform></emitter>\
+         <shape type='disk'><emitter type='area'><spectrum name='radiance' type='d65'><float name='scale' value='3'/>\
+         </spectrum></emitter></shape>",
+    )
+    .unwrap();
+    let [
+        Light::Point { position, intensity },
+        Light::Directional { direction, irradiance },
+        Light::Constant { radiance },
+        Light::Spot(_),
+        Light::Area { shape: 0, radiance: Color::Constant(area) },
+    ] = &scene.lights[..]
+    else {
+        panic!("{:?}", scene.lights)
+    };
+    assert_eq!((*position, *intensity), (Vec3::new(1.0, 2.0, 3.0), Rgb::splat(300.0)));
+    assert_eq!((*direction, *irradiance), (Vec3::NEG_Z, Rgb::ONE));
+    // An equal-energy spectrum is pinkish in sRGB (Mitsuba 3.9.1).
+    assert!(radiance.distance(Rgb::new(6.023_97, 4.741_455, 4.544_58)) < 1e-3);
+    assert_eq!(*area, Rgb::splat(3.0));
+}
+
+#[test]
+fn textures_are_shared() {
+    let folder = tempfile::tempdir().unwrap();
+    image::RgbImage::from_fn(2, 1, |x, _| image::Rgb([188 * x as u8, 0, 0]))
+        .save(folder.path().join("t.png"))
+        .unwrap();
+    let path = folder.path().join("s.xml");
+    let shape = "<shape type='sphere'><bsdf type='diffuse'><ref id='t' name='reflectance'/></bsdf></shape>";
+    let text = scene_text(&format!(
+        "<texture type='bitmap' id='t'><string name='filename' value='t.png'/><string name='filter_type' value='nearest'/>\
+         <transform name='to_uv'><scale x='2'/></transform></texture>{shape}{shape}<shape type='sphere'>\
+         <bsdf type='mask'><texture name='opacity' type='checkerboard'><float name='color0' value='.1'/>\
+         <float name='color1' value='.9'/></texture><bsdf type='diffuse'/></bsdf></shape>"
+    ));
+    fs::write(&path, text).unwrap();
+    let scene = load(&path, &[], None).unwrap();
+    assert_eq!(scene.textures.len(), 2);
+    let decoded = scene.textures[0].eval(Vec2::new(0.3, 0.0)).x;
+    assert!((decoded - 0.502_89).abs() < 1e-4, "{decoded}");
+    // Mitsuba 3.9.1 gives 0.9 here where it reads a checkerboard as a number.
+    let Texture::Checkerboard { color0, .. } = &scene.textures[1] else { panic!() };
+    assert_eq!(*color0, Rgb::splat(0.9));
+}
+
+/// Mistakes in line 2, and a word that the message must hold.
+const MISTAKES: [(&str, &str); 46] = [
+    ("<shape type='sphere'><bsdf type='foo'/></shape>", "unknown bsdf plugin 'foo'"),
+    ("<shape type='foo'/>", "unknown shape plugin 'foo'"),
+    ("<emitter type='foo'/>", "unknown emitter plugin 'foo'"),
+    ("<emitter type='area'/>", "inside a shape"),
+    ("<shape type='sphere'><emitter type='point'/></shape>", "inside a shape"),
+    ("<shape type='sphere'><float name='radios' value='1'/></shape>", "'radios'"),
+    ("<shape type='sphere'><string name='radius' value='1'/></shape>", "type float, not string"),
+    ("<shape type='sphere'><float name='radius' value='x'/></shape>", "'x'"),
+    ("<shape type='sphere'><float name='radius' value='nan'/></shape>", "'nan'"),
+    ("<shape type='sphere'><float name='radius' value='-1'/></shape>", "radius"),
+    ("<shape type='sphere'><integer name='radius' value='1.5'/></shape>", "integer"),
+    ("<shape type='sphere'><boolean name='flip_normals' value='yes'/></shape>", "true nor false"),
+    ("<shape type='sphere'><float name='radius' value='$r'/></shape>", "$r"),
+    (
+        "<shape type='sphere'><float name='radius' value='1'/><float name='radius' value='1'/></shape>",
+        "twice",
+    ),
+    ("<shape type='sphere'><float value='1'/></shape>", "'name'"),
+    ("<shape type='sphere'><float name='radius' value='1' unit='m'/></shape>", "'unit'"),
+    ("<shape type='sphere'><ref id='x'/></shape>", "'x'"),
+    ("<shape type='sphere'><bsdf type='diffuse'/><bsdf type='diffuse'/></shape>", "only one bsdf"),
+    ("<shape type='sphere'><medium name='interior' type='homogeneous'/></shape>", "media"),
+    ("<shape type='sphere'/><sphere/>", "<sphere>"),
+    ("<shape type='sphere'/>stray", "'stray'"),
+    ("<shape id='a' type='sphere'/><shape id='a' type='sphere'/>", "used twice"),
+    ("<shape type='obj'/>", "'filename'"),
+    ("<shape type='obj'><string name='filename' value='no.obj'/></shape>", "'no.obj'"),
+    ("<include filename='no.xml'/>", "'no.xml'"),
+    ("<path value='no'/>", "'no'"),
+    ("<alias id='no' as='b'/>", "'no'"),
+    ("<translate x='1'/>", "<transform>"),
+    ("<shape type='cube'><transform name='to_world'><scale value='0'/></transform></shape>", "singular"),
+    ("<shape type='cube'><transform name='to_world'><matrix value='1 2'/></transform></shape>", "9 or 16"),
+    ("<shape type='cube'><transform name='to_world'><rotate angle='1'/></transform></shape>", "axis"),
+    (
+        "<shape type='cube'><transform name='to_world'><lookat origin='0 0 0' target='0 0 0'/></transform></shape>",
+        "lookat",
+    ),
+    ("<bsdf type='twosided' id='a'><ref id='a'/></bsdf><shape type='cube'><ref id='a'/></shape>", "itself"),
+    ("<shape type='cube'><bsdf type='twosided'><bsdf type='dielectric'/></bsdf></shape>", "two sides"),
+    ("<shape type='cube'><bsdf type='mask'/></shape>", "bsdf inside"),
+    ("<shape type='cube'><bsdf type='diffuse'><rgb name='reflectance' value='2'/></bsdf></shape>", "0..1"),
+    (
+        "<shape type='cube'><bsdf type='diffuse'><rgb name='reflectance' value='1 2'/></bsdf></shape>",
+        "one or three",
+    ),
+    (
+        "<shape type='cube'><bsdf type='diffuse'><string name='reflectance' value='a'/></bsdf></shape>",
+        "not string",
+    ),
+    (
+        "<shape type='cube'><bsdf type='diffuse'><spectrum name='reflectance' value='400:1'/></bsdf></shape>",
+        "two",
+    ),
+    (
+        "<shape type='cube'><bsdf type='diffuse'><spectrum name='reflectance' filename='no.spd'/></bsdf></shape>",
+        "no.spd",
+    ),
+    ("<shape type='cube'><bsdf type='conductor'><string name='material' value='X'/></bsdf></shape>", "'X'"),
+    (
+        "<shape type='cube'><bsdf type='dielectric'><string name='int_ior' value='jelly'/></bsdf></shape>",
+        "'jelly'",
+    ),
+    (
+        "<shape type='cube'><bsdf type='roughconductor'><float name='alpha_u' value='1'/></bsdf></shape>",
+        "alpha_v",
+    ),
+    (
+        "<shape type='cube'><bsdf type='roughconductor'><string name='distribution' value='phong'/></bsdf></shape>",
+        "beckmann",
+    ),
+    (
+        "<shape type='cube'><emitter type='area'><rgb name='radiance' value='-1'/></emitter></shape>",
+        "negative",
+    ),
+    ("<integrator type='moment'/>", "no integrator"),
+];
+
+#[test]
+fn mistakes_name_file_and_line() {
+    for (body, word) in MISTAKES {
+        match load_body(body) {
+            Err(Error::Scene { file, line: 2, message }) => {
+                assert!(file.ends_with("scene.xml") && message.contains(word), "{body}: {message}");
+            }
+            other => panic!("{body}: {:?}", other.map(|_| ())),
+        }
+    }
+}
+
+#[test]
+fn sensors_and_whole_files_are_checked() {
+    for (text, word) in [
+        ("<scene version='3.0.0'>", "XML"),
+        ("<scene><sensor type='perspective'/></scene>", "version"),
+        ("<scene version='0.6.0'/>", "0.6.0"),
+        ("<scene version='x'/>", "'x'"),
+        ("<bsdf version='3.0.0' type='diffuse'/>", "<bsdf>"),
+        ("<scene version='3.0.0'><shape type='sphere'/></scene>", "<sensor>"),
+        ("<scene version='3.0.0'><sensor type='perspective'/></scene>", "no shapes"),
+        ("<scene version='3.0.0'><sensor type='orthographic'/></scene>", "orthographic"),
+        (
+            "<scene version='3.0.0'><sensor type='perspective'><float name='fov' value='180'/></sensor></scene>",
+            "180",
+        ),
+        ("<scene version='3.0.0'><sensor type='thinlens'/></scene>", "aperture_radius"),
+        (
+            "<scene version='3.0.0'><sensor type='perspective'><transform name='to_world'><scale value='2'/></transform></sensor></scene>",
+            "scale",
+        ),
+        (
+            "<scene version='3.0.0'><sensor type='perspective'><film type='hdrfilm'><integer name='width' value='0'/></film></sensor></scene>",
+            "'width'",
+        ),
+        ("<!DOCTYPE s [<!ENTITY a 'aaaa'><!ENTITY b '&a;&a;&a;'>]><scene version='3.0.0'>&b;</scene>", "DTD"),
+    ] {
+        let error = load_text(text, &[]).map(|_| ()).unwrap_err();
+        assert_eq!(error.exit_code(), 2);
+        assert!(error.to_string().contains(word), "{text}: {error}");
+    }
+    assert!(load(Path::new("/nonexistent.xml"), &[], None).is_err());
+    assert!(load(Path::new("/nonexistent.gltf"), &[], None).unwrap_err().to_string().contains(".obj"));
+}
+
+#[test]
+fn malicious_files_are_refused() {
+    // Deep nesting, by elements, by includes, by references.
+    let deep = format!("<scene version='3.0.0'>{}", "<bsdf type='twosided'>".repeat(200_000));
+    assert!(load_text(&deep, &[]).unwrap_err().to_string().contains("nested"));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.xml");
+    fs::write(&path, "<scene version='3.0.0'><include filename='a.xml'/><include filename='a.xml'/></scene>")
+        .unwrap();
+    assert!(load(&path, &[], None).unwrap_err().to_string().contains("includes"));
+    let mut chain = String::from("<bsdf type='diffuse' id='b0'/>");
+    for i in 1..100 {
+        chain += &format!("<bsdf type='mask' id='b{i}'><ref id='b{}'/></bsdf>", i - 1);
+    }
+    assert!(load_body(&format!("{chain}<shape type='cube'><ref id='b99'/></shape>")).is_err());
+}
+
+/// The scenes that come with Mitsuba's tests and the project's references.
+#[test]
+fn whole_scenes_load() {
+    let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared");
+    let mut pending = vec![shared.join("reference/scenes"), shared.join("mitsuba-suite/tests/scenes")];
+    let mut count = 0;
+    while let Some(folder) = pending.pop() {
+        let Ok(entries) = fs::read_dir(&folder) else {
+            println!("skipped: {} is absent", folder.display());
+            continue;
+        };
+        for path in entries.map(|e| e.unwrap().path()) {
+            if path.is_dir() && !path.ends_with("fragments") {
+                pending.push(path);
+            } else if path.extension().is_some_and(|e| e == "xml") {
+                let scene = load(&path, &[], None).unwrap_or_else(|e| panic!("{e}"));
+                assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+                count += 1;
+            }
+        }
+    }
+    println!("{count} scenes");
+}
