@@ -33,7 +33,8 @@ pub struct Layer {
 /// What goes into an EXR file besides pixels.
 #[derive(Clone, Debug, Default)]
 pub struct Metadata {
-    /// (key, value) text attributes: seed, passes, command.
+    /// (key, value) text attributes: seed, passes, command. Keys are no standard attributes of OpenEXR's other than
+    /// `software`, `comments` and `owner`.
     pub attributes: Vec<(String, String)>,
 }
 
@@ -262,9 +263,13 @@ pub fn write_exr(path: &Path, layers: &[Layer], metadata: &Metadata, samples: Sa
     for (key, value) in &metadata.attributes {
         // Header text is Latin 1.
         let latin: String = value.chars().map(|c| if (c as u32) < 256 { c } else { '?' }).collect();
-        let (key, value) = (ex::Text::new_or_none(key), ex::Text::new_or_none(&latin));
-        if let (Some(key), Some(value)) = (key, value) {
-            attributes.other.insert(key, ex::AttributeValue::Text(value));
+        let value = ex::Text::new_or_none(&latin).ok_or_else(|| fail("an attribute is not text"))?;
+        match (key.as_str(), ex::Text::new_or_none(key)) {
+            ("software", _) => attributes.software_name = Some(value),
+            ("comments", _) => attributes.comments = Some(value),
+            ("owner", _) => attributes.owner = Some(value),
+            (_, Some(key)) => drop(attributes.other.insert(key, ex::AttributeValue::Text(value))),
+            (_, None) => return Err(fail("an attribute's name is not text")),
         }
     }
     let encoding = ex::Encoding {
@@ -461,7 +466,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.exr");
         let (a, b) = (noise(5, 4), Image { width: 5, height: 4, pixels: vec![Rgb::splat(1e9); 20] });
-        let attributes = ["seed", "passes", "scene", "zebra", "command"]
+        let attributes = ["seed", "passes", "scene", "software", "integrator", "command"]
             .map(|k| (k.to_string(), format!("the {k} – é")))
             .to_vec();
         let metadata = Metadata { attributes };

@@ -45,18 +45,7 @@ pub(super) fn prepare(path: &Path, args: &SceneArgs, kind: Option<Kind>) -> Resu
     let start = Instant::now();
     let description = scene::load(path, &args.define, args.size)?;
     let load = start.elapsed().as_secs_f64();
-    for warning in &description.warnings {
-        args.verbosity.note("warning: ", warning);
-    }
-
     let named = description.integrator.clone();
-    if kind.is_none() && !matches!(named.as_str(), "" | "photonmap") {
-        let message = format!(
-            "{} names the integrator '{named}'; it is rendered by photon mapping (--integrator path traces paths)",
-            path.display()
-        );
-        args.verbosity.note("note: ", &message);
-    }
     let mut params = Params::default();
     for param in &description.integrator_params {
         let names = translate(&named, &param.name);
@@ -69,6 +58,16 @@ pub(super) fn prepare(path: &Path, args: &SceneArgs, kind: Option<Kind>) -> Resu
     }
     for (name, value) in &args.set {
         params.set(name, value)?;
+    }
+    for warning in &description.warnings {
+        args.verbosity.note("warning: ", warning);
+    }
+    if kind.is_none() && !matches!(named.as_str(), "" | "photonmap") {
+        let message = format!(
+            "{} names the integrator '{named}'; it is rendered by photon mapping (--integrator path traces paths)",
+            path.display()
+        );
+        args.verbosity.note("note: ", &message);
     }
     let passes = description.sample_count.max(1);
     let options = Options {
