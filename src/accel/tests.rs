@@ -126,7 +126,8 @@ fn reference(vertices: [Vec3; 3], ray: &Ray) -> Reference {
     let t = n.dot(a) / n.dot(d);
     // f32 rounds coordinates relative to the ray's origin; that moves the plane, and with it the hit along the ray,
     // the more the flatter they meet, and the more the thinner the triangle is.
-    let rounding = 8.0 * f32::EPSILON as f64 * [a, b, c].iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
+    let rounding =
+        8.0 * f32::EPSILON as f64 * [a, b, c].iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
     let edges = [(a, b - a), (b, c - b), (c, a - c)];
     let longest = edges.iter().map(|(_, e)| e.length()).fold(0.0, f64::max);
     let slope = n.length() * d.length() / n.dot(d).abs();
@@ -141,7 +142,10 @@ fn reference(vertices: [Vec3; 3], ray: &Ray) -> Reference {
             (p + e * if k.is_finite() { k.clamp(0.0, 1.0) } else { 0.0 }).length() < 4.0 * rounding
         };
         let depths = [a, b, c].map(|p| p.dot(d) / ray.d.as_dvec3().length());
-        let t = [depths.into_iter().fold(f64::MAX, f64::min) - rounding, depths.into_iter().fold(f64::MIN, f64::max) + rounding];
+        let t = [
+            depths.into_iter().fold(f64::MAX, f64::min) - rounding,
+            depths.into_iter().fold(f64::MIN, f64::max) + rounding,
+        ];
         return Reference { t, surely: false, maybe: edges.into_iter().any(near) };
     }
     // Signed distances of the hit to the edges' lines.
@@ -162,9 +166,11 @@ fn candidates(geometry: &Geometry, ray: &Ray) -> Vec<((u32, u32), Reference)> {
                 }
             }
             // Tested on their own, beside the shapes.
-            quadric => found.extend(quadric.intersect(ray).map(|t| {
-                ((i as u32, 0), Reference { t: [t as f64; 2], surely: true, maybe: true })
-            })),
+            quadric => found.extend(
+                quadric
+                    .intersect(ray)
+                    .map(|t| ((i as u32, 0), Reference { t: [t as f64; 2], surely: true, maybe: true })),
+            ),
         }
     }
     found
@@ -257,7 +263,7 @@ fn closed_meshes_are_watertight() {
     mesh.positions.iter_mut().for_each(|p| *p = *p * 3.7 + Vec3::new(11.3, -7.1, 3.3));
     let geometry = Geometry { shapes: vec![Shape::Mesh(mesh.clone())] };
     for (name, backend) in build_all(&geometry) {
-        let mut leaks=0;
+        let mut leaks = 0;
         for i in 0..60_000 {
             let o = Vec3::new(11.3, -7.1, 3.3) + random.point();
             let [a, b, c] = mesh.vertices(random.below(mesh.triangles.len()) as u32);
@@ -267,7 +273,10 @@ fn closed_meshes_are_watertight() {
                 _ => b.lerp(c, random.next()),
             };
             let ray = Ray::new(o, (target - o).normalize());
-            if !(backend.intersect(&ray).is_some() && backend.occluded(&ray)) { println!("LEAK {name} {i} {ray:?} target {target} {a} {b} {c}"); leaks+=1; }
+            if !(backend.intersect(&ray).is_some() && backend.occluded(&ray)) {
+                println!("LEAK {name} {i} {ray:?} target {target} {a} {b} {c}");
+                leaks += 1;
+            }
         }
         println!("{name} leaks {leaks}");
     }
@@ -464,7 +473,13 @@ fn offset_rays_leave_flat_surfaces() {
                 let ray = leave(&mut random, &point);
                 for (name, backend) in &backends {
                     let hit = backend.intersect(&ray);
-                    if hit.is_some() { println!("SELF {name}: {i} {:?} {point:?} {ray:?} {hit:?} cos {}", geometry.shapes, ray.d.dot(point.n_g));}
+                    if hit.is_some() {
+                        println!(
+                            "SELF {name}: {i} {:?} {point:?} {ray:?} {hit:?} cos {}",
+                            geometry.shapes,
+                            ray.d.dot(point.n_g)
+                        );
+                    }
                 }
             }
         }

@@ -559,10 +559,12 @@ mod tests {
         let duplicates = (vec3(coordinate()), 0..700usize).prop_map(|(p, n)| vec![p; n]);
         let line = (vec3(-1.0f32..1.0), prop::collection::vec(-1.0f32..1.0, 0..700))
             .prop_map(|(d, t)| t.iter().map(|&t| d * t).collect());
-        let flat = (random(), vec3(prop_oneof![Just(0.0f32), -1.0f32..1.0]))
-            .prop_map(|(ps, d)| ps.iter().map(|p| Vec3::new(p.x, p.y, p.x * d.x + p.y * d.y + d.z)).collect());
-        let few = (random(), vec3(coordinate()), 1..9usize)
-            .prop_map(|(ps, q, n)| ps.iter().enumerate().map(|(i, &p)| if i % n == 0 { p } else { q }).collect());
+        let flat = (random(), vec3(prop_oneof![Just(0.0f32), -1.0f32..1.0])).prop_map(|(ps, d)| {
+            ps.iter().map(|p| Vec3::new(p.x, p.y, p.x * d.x + p.y * d.y + d.z)).collect()
+        });
+        let few = (random(), vec3(coordinate()), 1..9usize).prop_map(|(ps, q, n)| {
+            ps.iter().enumerate().map(|(i, &p)| if i % n == 0 { p } else { q }).collect()
+        });
         prop_oneof![random(), grid, duplicates, line, flat, few]
     }
 
@@ -590,7 +592,8 @@ mod tests {
     #[test]
     fn small_and_empty() {
         for n in 0..200 {
-            let points: Vec<Vec3> = (0..n).map(|i| Vec3::new((i * 7 % 31) as f32, (i * 5 % 17) as f32, 0.5)).collect();
+            let points: Vec<Vec3> =
+                (0..n).map(|i| Vec3::new((i * 7 % 31) as f32, (i * 5 % 17) as f32, 0.5)).collect();
             for k in [0, 1, 5, 9, 50, 300] {
                 check(&points, Vec3::new(3.0, 4.0, 1.0), k, f32::INFINITY);
                 check(&points, Vec3::new(3.0, 4.0, 0.5), k, 5.0);
@@ -600,7 +603,8 @@ mod tests {
 
     /// Points on a grid of 128³: ties in every coordinate, and duplicates.
     fn many(n: u32) -> Vec<Vec3> {
-        let coordinate = |i: u32, salt: u32| ((i ^ salt).wrapping_mul(0x9e37_79b9).rotate_left(salt) >> 25) as f32;
+        let coordinate =
+            |i: u32, salt: u32| ((i ^ salt).wrapping_mul(0x9e37_79b9).rotate_left(salt) >> 25) as f32;
         (0..n).map(|i| Vec3::new(coordinate(i, 1), coordinate(i, 6), coordinate(i, 11))).collect()
     }
 
