@@ -21,7 +21,8 @@ fn embree() -> Result<(), String> {
         .allowlist_function(
             "rtc(New|Release)(Device|Scene|Geometry)|rtcGetDeviceError|rtcSetScene(Flags|BuildQuality)\
              |rtcCommit(Scene|Geometry)|rtcAttachGeometryByID|rtcSetNewGeometryBuffer\
-             |rtcSetGeometry(UserPrimitiveCount|UserData|BoundsFunction|IntersectFunction|OccludedFunction)\
+             |rtcSetGeometry(UserPrimitiveCount|UserData|BoundsFunction|IntersectFunction|OccludedFunction\
+             |IntersectFilterFunction|OccludedFilterFunction)\
              |rtcIntersect1|rtcOccluded1",
         )
         .allowlist_type("RTCRayHit|RTCRayQueryContext|RTCIntersectContext")

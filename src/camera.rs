@@ -138,7 +138,7 @@ mod tests {
         let lens = Camera { aperture_radius: 0.2, focus_distance: 4.0, ..camera(FovAxis::X) };
         let mirrored = {
             let mut c = camera(FovAxis::X);
-            c.to_world = c.to_world * Affine3A::from_scale(Vec3::new(-1.0, 1.0, 1.0));
+            c.to_world *= Affine3A::from_scale(Vec3::new(-1.0, 1.0, 1.0));
             c
         };
         // Mitsuba 3.9.1, `sample_ray` of a 320 × 200 film with fov 50, near 0.5 and far 30: camera, film and aperture

@@ -1,7 +1,9 @@
 //! Ray tracing by the system's Embree 4 or 3. All its `unsafe` lives here, behind handles that release themselves.
 //!
 //! Shape `i` becomes the geometry with id `i`. Meshes are copied; analytic shapes are user geometries that call
-//! [`Shape::intersect`], as the other backend does, so that both find the same hits.
+//! [`Shape::intersect`], as the other backend does, so that both find the same hits. Meshes with thin triangles get a
+//! filter that checks hits in f64: Embree computes distances from the f32 cross product of the edges, and for thin
+//! triangles that is off by more than rays are moved off surfaces.
 
 #![allow(unsafe_code)]
 
@@ -10,6 +12,7 @@ use crate::math::Ray;
 use crate::shape::{Geometry, Hit, Mesh, Shape};
 use crate::{Error, Result};
 use glam::{Vec3, Vec4};
+use rayon::prelude::*;
 use std::ffi::c_void;
 use std::ptr;
 
@@ -28,8 +31,10 @@ const LEVELS: usize = RTC_MAX_INSTANCE_LEVEL_COUNT as usize;
 /// A committed Embree scene.
 pub(super) struct Embree {
     scene: Scene,
-    /// The user geometries point here, so it lives as long as the scene and never moves.
+    /// User geometries point here, so it lives as long as the scene and its items never move.
     _quadrics: Vec<Shape>,
+    /// As above, for the filters.
+    _thin: Vec<Corners>,
     _device: Device,
 }
 
@@ -50,10 +55,12 @@ impl Embree {
         let is_quadric = |s: &&Shape| !matches!(s, Shape::Mesh(_));
         let quadrics: Vec<Shape> = geometry.shapes.iter().filter(is_quadric).cloned().collect();
         let mut next_quadric = quadrics.iter();
+        // With room for all: what points to its items must not see them move.
+        let mut thin = Vec::with_capacity(geometry.shapes.len());
         for (id, shape) in geometry.shapes.iter().enumerate() {
             let part = match shape {
                 Shape::Mesh(mesh) if mesh.triangles.is_empty() => continue,
-                Shape::Mesh(mesh) => device.mesh(mesh)?,
+                Shape::Mesh(mesh) => device.mesh(mesh, &mut thin)?,
                 _ => match next_quadric.next() {
                     Some(quadric) => device.quadric(quadric)?,
                     None => continue,
@@ -69,7 +76,7 @@ impl Embree {
         // SAFETY: the scene is valid and not yet shared.
         unsafe { rtcCommitScene(scene.0) };
         device.check("building the scene")?;
-        Ok(Embree { scene, _quadrics: quadrics, _device: device })
+        Ok(Embree { scene, _quadrics: quadrics, _thin: thin, _device: device })
     }
 }
 
@@ -151,6 +158,21 @@ struct Device(RTCDevice);
 struct Scene(RTCScene);
 struct Part(RTCGeometry);
 
+/// Embree's copy of a mesh.
+struct Corners {
+    positions: *const Vec3,
+    triangles: *const [u32; 3],
+}
+
+/// Whether a triangle is so thin that Embree's distances are not good enough: rays moved off their surface by
+/// [`crate::math::offset_origin`] were seen to hit it again from a length/height of 230 on.
+fn is_thin([a, b, c]: [Vec3; 3]) -> bool {
+    let (e, f) = (b - a, c - a);
+    let area = e.cross(f).length();
+    // Not for those without any area: they are never hit.
+    e.length_squared().max(f.length_squared()) > 64.0 * area && area > 0.0
+}
+
 impl Drop for Device {
     fn drop(&mut self) {
         // SAFETY: valid, and ours to release once.
@@ -207,23 +229,40 @@ impl Device {
         Ok(Part(self.not_null(unsafe { rtcNewGeometry(self.0, kind) }, "creating a geometry")?))
     }
 
-    fn mesh(&self, mesh: &Mesh) -> Result<Part> {
+    /// The geometry may refer to what is added to `thin`, within its capacity, for as long as its scene lives.
+    fn mesh(&self, mesh: &Mesh, thin: &mut Vec<Corners>) -> Result<Part> {
         let part = self.part(RTC_GEOMETRY_TYPE_TRIANGLE)?;
-        // Positions as three floats, indices as three u32.
-        self.copy(&part, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, &mesh.positions)?;
-        self.copy(&part, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, &mesh.triangles)?;
+        let positions = self.copy(&part, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, &mesh.positions)?;
+        let triangles = self.copy(&part, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, &mesh.triangles)?;
+        if (0..mesh.triangles.len() as u32).into_par_iter().any(|t| is_thin(mesh.vertices(t))) {
+            let index = thin.len();
+            thin.push(Corners { positions, triangles });
+            // SAFETY: the geometry is valid, and the callback gets the pointer that it expects.
+            unsafe {
+                rtcSetGeometryUserData(part.0, ptr::from_ref(&thin[index]).cast_mut().cast::<c_void>());
+                rtcSetGeometryIntersectFilterFunction(part.0, Some(thin_filter));
+                rtcSetGeometryOccludedFilterFunction(part.0, Some(thin_filter));
+            }
+        }
         Ok(part)
     }
 
-    /// Copies into a buffer that Embree allocates, which keeps its padding rules and our lifetimes apart.
-    fn copy<T: Copy>(&self, part: &Part, kind: RTCBufferType, format: RTCFormat, from: &[T]) -> Result<()> {
-        const { assert!(size_of::<T>() == 12 && size_of::<Vec3>() == 12) };
+    /// Copies into a buffer that Embree allocates, which keeps its padding rules and our lifetimes apart. The result
+    /// is valid as long as the geometry.
+    fn copy<T: Copy>(
+        &self,
+        part: &Part,
+        kind: RTCBufferType,
+        format: RTCFormat,
+        from: &[T],
+    ) -> Result<*const T> {
+        const { assert!(size_of::<T>() == 12) };
         // SAFETY: the geometry is valid; the result is checked.
         let to = unsafe { rtcSetNewGeometryBuffer(part.0, kind, 0, format, size_of::<T>(), from.len()) };
-        let to = self.not_null(to, "allocating a mesh")?;
+        let to = self.not_null(to, "allocating a mesh")?.cast::<T>();
         // SAFETY: the new buffer holds as many items of this size, and overlaps nothing of ours.
-        unsafe { ptr::copy_nonoverlapping(from.as_ptr(), to.cast::<T>(), from.len()) };
-        Ok(())
+        unsafe { ptr::copy_nonoverlapping(from.as_ptr(), to, from.len()) };
+        Ok(to)
     }
 
     /// The geometry refers to `quadric` for as long as its scene lives.
@@ -267,10 +306,10 @@ unsafe extern "C" fn quadric_bounds(args: *const RTCBoundsFunctionArguments) {
     }
 }
 
-/// The distance of the nearest hit that Embree accepts: it counts hits at `tfar` itself.
-fn quadric_hit(quadric: &Shape, r: &RTCRay) -> Option<f32> {
+fn our_ray(r: &RTCRay) -> Ray {
     let (o, d) = (Vec3::new(r.org_x, r.org_y, r.org_z), Vec3::new(r.dir_x, r.dir_y, r.dir_z));
-    quadric.intersect(&Ray { o, t_min: r.tnear, d, t_max: above(r.tfar) })
+    // Embree counts hits at `tfar` itself.
+    Ray { o, t_min: r.tnear, d, t_max: above(r.tfar) }
 }
 
 /// # Safety
@@ -280,7 +319,7 @@ unsafe extern "C" fn quadric_intersect(args: *const RTCIntersectFunctionNArgumen
     unsafe {
         let args = &*args;
         let query = &mut *args.rayhit.cast::<RTCRayHit>();
-        if let Some(t) = quadric_hit(&*args.geometryUserPtr.cast::<Shape>(), &query.ray) {
+        if let Some(t) = (*args.geometryUserPtr.cast::<Shape>()).intersect(&our_ray(&query.ray)) {
             query.ray.tfar = t;
             query.hit = RTCHit {
                 geomID: args.geomID,
@@ -299,8 +338,29 @@ unsafe extern "C" fn quadric_occluded(args: *const RTCOccludedFunctionNArguments
     unsafe {
         let args = &*args;
         let ray = &mut *args.ray.cast::<RTCRay>();
-        if quadric_hit(&*args.geometryUserPtr.cast::<Shape>(), ray).is_some() {
+        if (*args.geometryUserPtr.cast::<Shape>()).intersect(&our_ray(ray)).is_some() {
             ray.tfar = f32::NEG_INFINITY;
+        }
+    }
+}
+
+/// Rejects hits that are not there, or far off.
+///
+/// # Safety
+/// Called by Embree with valid arguments, whose user pointer is that of [`Device::mesh`].
+unsafe extern "C" fn thin_filter(args: *const RTCFilterFunctionNArguments) {
+    // SAFETY: see above; for queries of one ray the packets are a plain RTCRay and RTCHit. Embree gives the index of a
+    // triangle of this mesh, and the mesh's indices have been checked.
+    unsafe {
+        let args = &*args;
+        let (ray, hit) = (&*args.ray.cast::<RTCRay>(), &*args.hit.cast::<RTCHit>());
+        let corners = &*args.geometryUserPtr.cast::<Corners>();
+        let vertices =
+            (*corners.triangles.add(hit.primID as usize)).map(|i| *corners.positions.add(i as usize));
+        let t = super::plane_distance(&vertices, &our_ray(ray));
+        // Here `tfar` is the distance of this hit.
+        if !(t > ray.tnear && (t - ray.tfar).abs() <= t / 16.0) {
+            *args.valid = 0;
         }
     }
 }

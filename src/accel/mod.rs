@@ -9,6 +9,8 @@ mod embree;
 use crate::math::Ray;
 use crate::shape::{Geometry, Hit, Shape};
 use crate::{Error, Result};
+#[cfg(any(feature = "embree", feature = "bvh"))]
+use glam::Vec3;
 
 /// Which implementation traces the rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,6 +101,15 @@ fn check(geometry: &Geometry) -> Result<()> {
 #[cfg(any(feature = "embree", feature = "bvh"))]
 fn is_valid(ray: &Ray) -> bool {
     ray.o.is_finite() && ray.d.is_finite() && ray.t_min >= 0.0 && ray.t_min < ray.t_max
+}
+
+/// Distance along the ray to a triangle's plane, not finite or NaN if there is none. In f64: in f32 the distances to
+/// thin triangles are off by more than rays are moved off surfaces.
+#[cfg(any(feature = "embree", feature = "bvh"))]
+fn plane_distance([a, b, c]: &[Vec3; 3], ray: &Ray) -> f32 {
+    let p = a.as_dvec3();
+    let n = (b.as_dvec3() - p).cross(c.as_dvec3() - p);
+    (n.dot(p - ray.o.as_dvec3()) / n.dot(ray.d.as_dvec3())) as f32
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Area lights: a shape that emits from its front side (Mitsuba 3 `area`).
 
-use super::{DirectSample, EmissionSample};
+use super::{DirectSample, EmissionSample, Targets};
 use crate::math::{Discrete, Frame, Rgb, offset_origin, warp};
 use crate::shape::Shape;
 use crate::texture::{Color, Texture};
@@ -89,12 +89,22 @@ impl AreaSampler {
         shape: &Shape,
         radiance: Color,
         textures: &[Texture],
+        targets: &Targets,
         u_pos: Vec2,
         u_dir: Vec2,
     ) -> Option<EmissionSample> {
         let point = shape.sample_area(&self.distribution, u_pos)?;
-        let flux = radiance.eval(textures, point.uv) * (PI * self.area);
-        let d = Frame::from_normal(point.n_g).to_world(warp::cosine_hemisphere(u_dir));
+        let radiance = radiance.eval(textures, point.uv);
+        let (d, flux) = match targets.from_point(point.p) {
+            Some(aim) => {
+                let (d, pdf_w) = aim.sample(u_dir)?;
+                (d, radiance * (d.dot(point.n_g).max(0.0) * self.area / pdf_w))
+            }
+            None => {
+                let d = Frame::from_normal(point.n_g).to_world(warp::cosine_hemisphere(u_dir));
+                (d, radiance * (PI * self.area))
+            }
+        };
         (flux != Rgb::ZERO).then(|| EmissionSample {
             o: offset_origin(point.p, point.n_g, d, point.magnitude),
             d,

@@ -1,6 +1,6 @@
 //! What all infinitely distant lights share: they shine onto the scene's bounding sphere.
 
-use super::EmissionSample;
+use super::{EmissionSample, Targets};
 use crate::math::{Frame, Rgb, offset_origin, warp};
 use crate::shape::Bounds;
 use glam::{Vec2, Vec3};
@@ -26,13 +26,22 @@ impl World {
         PI * self.radius * self.radius
     }
 
-    /// A photon with direction `d`, from a uniform point on the disk that touches the sphere on the near side.
-    /// `irradiance` is what a surface facing the light receives, over the direction's pdf.
-    pub(super) fn emission(&self, d: Vec3, irradiance: Rgb, u_pos: Vec2) -> Option<EmissionSample> {
-        let flux = irradiance * self.cross_section();
-        let on_disk = warp::disk(u_pos) * self.radius;
-        let frame = Frame::from_normal(d);
-        let o = self.center + frame.s * on_disk.x + frame.t * on_disk.y - d * self.radius;
+    /// A photon with direction `d`, from the plane that touches the sphere on the near side: towards `targets`, or
+    /// uniform over the sphere. `irradiance` is what a surface facing the light receives, over the direction's pdf.
+    pub(super) fn emission(
+        &self,
+        d: Vec3,
+        irradiance: Rgb,
+        targets: &Targets,
+        u_pos: Vec2,
+    ) -> Option<EmissionSample> {
+        let (o, pdf_a) = targets.sample_line(d, self.radius, u_pos).unwrap_or_else(|| {
+            let on_disk = warp::disk(u_pos) * self.radius;
+            let frame = Frame::from_normal(d);
+            (self.center + frame.s * on_disk.x + frame.t * on_disk.y, 1.0 / self.cross_section())
+        });
+        let o = o + d * (d.dot(self.center - o) - self.radius);
+        let flux = irradiance / pdf_a;
         let magnitude = self.center.abs().max_element() + self.radius;
         (flux != Rgb::ZERO).then(|| EmissionSample {
             o: offset_origin(o, d, -d, magnitude),

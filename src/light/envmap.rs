@@ -15,8 +15,8 @@ pub struct Envmap {
     width: usize,
     height: usize,
     pixels: Vec<Rgb>,
-    to_world: Mat3,
-    to_local: Mat3,
+    pub(super) to_world: Mat3,
+    pub(super) to_local: Mat3,
     /// For each row the running integral of luminance over its `width` spans from texel centre to texel centre.
     columns: Vec<f32>,
     /// The spans between rows, by luminance per solid angle.
@@ -122,9 +122,9 @@ impl Envmap {
         row(yi).lerp(row(yi + 1), fy.min(1.0))
     }
 
-    /// Pdf of [`Envmap::sample`]: luminance over its integral.
-    pub(super) fn pdf_w(&self, d: Vec3) -> f32 {
-        luminance(self.eval(d)) * self.inv_luminance
+    /// Pdf of [`Envmap::sample`] in a direction of this radiance: luminance over its integral.
+    pub(super) fn pdf_w(&self, radiance: Rgb) -> f32 {
+        luminance(radiance) * self.inv_luminance
     }
 
     /// A world direction towards the map, by luminance; `None` if it is black.
@@ -171,24 +171,26 @@ fn row_integral(theta: f64, h: f64, a: f64, b: f64, t: f64) -> f64 {
 
 /// Samples t in [0, 1] with a density proportional to (a (1−t) + b t) sin(θ + h t).
 fn sample_span(theta: f64, h: f64, a: f64, b: f64, u: f64) -> f64 {
+    let ((sin0, cos0), sin_end) = (theta.sin_cos(), (theta + h).sin().max(0.0));
     let target = u * row_integral(theta, h, a, b, 1.0);
-    let (g0, g1) = (a * theta.sin(), b * (theta + h).sin().max(0.0));
-    let mut t = if g0 + g1 > 0.0 { sample_linear(g0 as f32, g1 as f32, u as f32) as f64 } else { 0.5 };
-    // Newton's method, kept inside a shrinking bracket.
+    // Newton's method from the solution for a linear density, kept inside a shrinking bracket.
+    let mut t = sample_linear((a * sin0) as f32, (b * sin_end) as f32, u as f32) as f64;
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..32 {
-        let error = row_integral(theta, h, a, b, t) - target;
+        let (sin, cos) = (theta + h * t).sin_cos();
+        // As in row_integral.
+        let error = a * (cos0 - cos) / h + (b - a) * ((sin - sin0) / h - t * cos) / h - target;
         if error > 0.0 {
             high = t;
         } else {
             low = t;
         }
-        let slope = (a * (1.0 - t) + b * t) * (theta + h * t).sin();
-        let next = t - error / slope;
+        let next = t - error / ((a * (1.0 - t) + b * t) * sin);
         let next = if next > low && next < high { next } else { 0.5 * (low + high) };
         let step = (next - t).abs();
         t = next;
-        if step < 1e-7 {
+        // What remains is of the order of the square.
+        if step < 1e-4 {
             break;
         }
     }

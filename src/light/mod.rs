@@ -7,9 +7,11 @@ mod area;
 mod distant;
 mod envmap;
 mod spot;
+mod targets;
 
 pub use envmap::Envmap;
 pub use spot::Spot;
+pub use targets::Targets;
 
 use crate::math::{Discrete, Rgb, luminance, warp};
 use crate::shape::Geometry;
@@ -133,7 +135,7 @@ impl Lights {
                 (Light::Point { intensity, .. }, _) => *intensity * (4.0 * PI),
                 (_, Prepared::Spot(table)) => table.power(),
                 (Light::Directional { irradiance, .. }, _) => *irradiance * world.cross_section(),
-                (Light::Constant { radiance }, _) => *radiance * (PI * world.cross_section()),
+                (Light::Constant { radiance }, _) => *radiance * (4.0 * PI * world.cross_section()),
                 (Light::Envmap(map), _) => map.integral() * world.cross_section(),
                 _ => Rgb::ZERO,
             })
@@ -211,8 +213,8 @@ impl Lights {
 
     /// Environment lights are seen together, so a direction sampled from one counts for all of them.
     fn direct_background(&self, wi: Vec3) -> Option<DirectSample> {
-        let pdf_w = self.pdf_background_w(wi);
-        let weight = self.background(wi) / pdf_w;
+        let (radiance, pdf_w) = self.background_with_pdf_w(wi);
+        let weight = radiance / pdf_w;
         (pdf_w > 0.0 && weight.is_finite()).then_some(DirectSample {
             wi,
             target: None,
@@ -252,68 +254,78 @@ impl Lights {
 
     /// Radiance of all environment lights along the escaping direction `d`.
     pub fn background(&self, d: Vec3) -> Rgb {
-        self.environment
-            .iter()
-            .map(|&i| match &self.lights[i as usize] {
-                Light::Constant { radiance } => *radiance,
-                Light::Envmap(map) => map.eval(d),
-                _ => Rgb::ZERO,
-            })
-            .sum()
+        self.background_with_pdf_w(d).0
     }
 
     /// Pdf with which [`Lights::sample_direct`] would have taken the escaping direction `d`.
     pub fn pdf_background_w(&self, d: Vec3) -> f32 {
-        self.environment
-            .iter()
-            .map(|&i| {
-                self.for_direct.prob(i as usize)
-                    * match &self.lights[i as usize] {
-                        Light::Constant { .. } => warp::SPHERE_PDF_W,
-                        Light::Envmap(map) => map.pdf_w(d),
-                        _ => 0.0,
-                    }
-            })
-            .sum()
+        self.background_with_pdf_w(d).1
     }
 
-    /// Emits a photon: a light by power, a position by `u_pos`, a direction by `u_dir`.
+    /// [`Lights::background`] and [`Lights::pdf_background_w`] at the price of one.
+    pub fn background_with_pdf_w(&self, d: Vec3) -> (Rgb, f32) {
+        self.environment.iter().fold((Rgb::ZERO, 0.0), |(radiance, pdf_w), &i| {
+            let (l, p) = match &self.lights[i as usize] {
+                Light::Constant { radiance } => (*radiance, warp::SPHERE_PDF_W),
+                Light::Envmap(map) => {
+                    let l = map.eval(d);
+                    (l, map.pdf_w(l))
+                }
+                _ => (Rgb::ZERO, 0.0),
+            };
+            (radiance + l, pdf_w + self.for_direct.prob(i as usize) * p)
+        })
+    }
+
+    /// Emits a photon towards `targets`, if there are any: a light by power, a position by `u_pos`, a direction by
+    /// `u_dir`.
     pub fn sample_emission(
         &self,
         geometry: &Geometry,
         textures: &[Texture],
+        targets: &Targets,
         u_light: f32,
         u_pos: Vec2,
         u_dir: Vec2,
     ) -> Option<EmissionSample> {
         let (i, prob, _) = self.by_power.sample(u_light)?;
         let sample = match (&self.lights[i], &self.prepared[i]) {
-            (Light::Area { shape, radiance }, Prepared::Area(sampler)) => {
-                sampler.emission(&geometry.shapes[*shape as usize], *radiance, textures, u_pos, u_dir)?
+            (Light::Area { shape, radiance }, Prepared::Area(sampler)) => sampler.emission(
+                &geometry.shapes[*shape as usize],
+                *radiance,
+                textures,
+                targets,
+                u_pos,
+                u_dir,
+            )?,
+            (Light::Point { position, intensity }, _) => {
+                let (d, pdf_w) = match targets.from_point(*position) {
+                    Some(aim) => aim.sample(u_dir)?,
+                    None => (warp::sphere(u_dir), warp::SPHERE_PDF_W),
+                };
+                EmissionSample { o: *position, d, flux: *intensity / pdf_w, light: 0 }
             }
-            (Light::Point { position, intensity }, _) => EmissionSample {
-                o: *position,
-                d: warp::sphere(u_dir),
-                flux: *intensity / warp::SPHERE_PDF_W,
-                light: 0,
-            },
-            (Light::Spot(spot), Prepared::Spot(table)) => table.emission(spot, textures, u_dir)?,
+            (Light::Spot(spot), Prepared::Spot(table)) => table.emission(spot, textures, targets, u_dir)?,
             (Light::Directional { direction, irradiance }, _) => {
-                self.world.emission(*direction, *irradiance, u_pos)?
+                self.world.emission(*direction, *irradiance, targets, u_pos)?
             }
             (Light::Constant { radiance }, _) => {
-                self.world.emission(warp::sphere(u_dir), *radiance / warp::SPHERE_PDF_W, u_pos)?
+                self.world.emission(warp::sphere(u_dir), *radiance / warp::SPHERE_PDF_W, targets, u_pos)?
             }
             (Light::Envmap(map), _) => {
                 let wi = map.sample(u_dir)?;
-                let pdf_w = map.pdf_w(wi);
+                let radiance = map.eval(wi);
+                let pdf_w = map.pdf_w(radiance);
                 if pdf_w <= 0.0 {
                     return None;
                 }
-                self.world.emission(-wi, map.eval(wi) / pdf_w, u_pos)?
+                self.world.emission(-wi, radiance / pdf_w, targets, u_pos)?
             }
             (Light::Area { .. } | Light::Spot(_), _) => return None,
         };
         Some(EmissionSample { flux: sample.flux / prob, light: i as u32, ..sample })
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,6 +1,6 @@
 //! Spotlights: a point with an angular falloff, optionally projecting a texture (Mitsuba 3 `spot`).
 
-use super::{DirectSample, EmissionSample};
+use super::{DirectSample, EmissionSample, Targets};
 use crate::math::{Discrete, Rgb, luminance, warp};
 use crate::texture::Texture;
 use glam::{Affine3A, Mat3, Vec2, Vec3};
@@ -42,7 +42,7 @@ impl Spot {
                 "the cutoff angle must be above 0 and at most 180 degrees, not {cutoff_degrees}"
             ));
         }
-        if !(beam_degrees >= 0.0) {
+        if beam_degrees.is_nan() || beam_degrees < 0.0 {
             return Err(format!("the beam width must not be negative, but is {beam_degrees} degrees"));
         }
         let (cutoff, beam) = (cutoff_degrees.to_radians(), beam_degrees.min(cutoff_degrees).to_radians());
@@ -68,6 +68,13 @@ impl Spot {
     /// dω(world)/dω(local) at the local unit direction `l`: 1 unless the transformation scales.
     fn stretch(&self, l: Vec3) -> f32 {
         self.to_world.determinant().abs() / (self.to_world * l).length().powi(3)
+    }
+
+    /// Whether the intensity depends on the angle to the axis alone.
+    fn is_round(&self) -> bool {
+        let m = self.to_world.transpose() * self.to_world;
+        self.texture.is_none()
+            && m.abs_diff_eq(Mat3::from_diagonal(Vec3::splat(m.x_axis.x)), 1e-4 * m.x_axis.x)
     }
 
     fn one_minus_cos(&self) -> f32 {
@@ -97,36 +104,38 @@ pub(super) struct SpotTable {
 }
 
 impl SpotTable {
+    /// Cells per axis; a single column does for a light without texture.
     const SIZE: usize = 64;
+
     /// Samples per cell and axis when a cell's mean is computed.
     const SUB: usize = 4;
 
     pub(super) fn new(spot: &Spot, textures: &[Texture]) -> SpotTable {
-        const N: usize = SpotTable::SIZE;
+        let (width, height) = (if spot.is_round() { 1 } else { Self::SIZE }, Self::SIZE);
         let omc = spot.one_minus_cos();
         let mut sum = [0.0f64; 3];
-        let mut cells = vec![0.0f32; N * N];
-        let fine = N * Self::SUB;
-        for y in 0..fine {
-            for x in 0..fine {
-                let u = (Vec2::new(x as f32, y as f32) + 0.5) / fine as f32;
+        let mut cells = vec![0.0f32; width * height];
+        let fine = (width * Self::SUB, height * Self::SUB);
+        for y in 0..fine.1 {
+            for x in 0..fine.0 {
+                let u = (Vec2::new(x as f32, y as f32) + 0.5) / Vec2::new(fine.0 as f32, fine.1 as f32);
                 let l = warp::cone(u, omc);
                 let i = spot.intensity(textures, l) * spot.stretch(l);
-                cells[y / Self::SUB * N + x / Self::SUB] += luminance(i);
+                cells[y / Self::SUB * width + x / Self::SUB] += luminance(i);
                 for (s, i) in sum.iter_mut().zip(i.to_array()) {
                     *s += i as f64;
                 }
             }
         }
         // What lies between the samples of a cell is still found, if rarely.
-        let floor = 0.01 * cells.iter().sum::<f32>() / (N * N) as f32;
+        let floor = 0.01 * cells.iter().sum::<f32>() / cells.len() as f32;
         let columns: Vec<Discrete> =
-            cells.chunks(N).map(|row| Discrete::new(row.iter().map(|w| w + floor))).collect();
+            cells.chunks(width).map(|row| Discrete::new(row.iter().map(|w| w + floor))).collect();
         let solid_angle = 2.0 * std::f64::consts::PI * omc as f64;
         SpotTable {
             rows: Discrete::new(columns.iter().map(|c| c.total() as f32)),
             columns,
-            power: Rgb::from_array(sum.map(|s| (s / (fine * fine) as f64 * solid_angle) as f32)),
+            power: Rgb::from_array(sum.map(|s| (s / (fine.0 * fine.1) as f64 * solid_angle) as f32)),
         }
     }
 
@@ -134,13 +143,24 @@ impl SpotTable {
         self.power
     }
 
-    pub(super) fn emission(&self, spot: &Spot, textures: &[Texture], u: Vec2) -> Option<EmissionSample> {
+    pub(super) fn emission(
+        &self,
+        spot: &Spot,
+        textures: &[Texture],
+        targets: &Targets,
+        u: Vec2,
+    ) -> Option<EmissionSample> {
+        if let Some(aim) = targets.from_point(spot.position) {
+            let (d, pdf_w) = aim.sample(u)?;
+            let flux = spot.intensity(textures, (spot.to_local * d).try_normalize()?) / pdf_w;
+            return (flux != Rgb::ZERO).then_some(EmissionSample { o: spot.position, d, flux, light: 0 });
+        }
         let (y, prob_y, v) = self.rows.sample(u.y)?;
         let (x, prob_x, h) = self.columns[y].sample(u.x)?;
         let omc = spot.one_minus_cos();
-        let size = Self::SIZE as f32;
-        let l = warp::cone(Vec2::new((x as f32 + h) / size, (y as f32 + v) / size), omc);
-        let pdf_w = prob_x * prob_y * (size * size) * warp::cone_pdf_w(omc);
+        let (width, height) = (self.columns[y].len() as f32, self.columns.len() as f32);
+        let l = warp::cone(Vec2::new((x as f32 + h) / width, (y as f32 + v) / height), omc);
+        let pdf_w = prob_x * prob_y * (width * height) * warp::cone_pdf_w(omc);
         let flux = spot.intensity(textures, l) * (spot.stretch(l) / pdf_w);
         (flux != Rgb::ZERO).then(|| EmissionSample {
             o: spot.position,

@@ -63,8 +63,11 @@ impl Targets {
         let p = sphere.center + frame.s * on_disk.x + frame.t * on_disk.y;
         let p = p - d * d.dot(p);
         let across = |v: Vec3| v - d * d.dot(v);
-        let holding =
-            self.spheres.iter().filter(|s| across(s.center - p).length_squared() <= s.radius * s.radius).count();
+        let holding = self
+            .spheres
+            .iter()
+            .filter(|s| across(s.center - p).length_squared() <= s.radius * s.radius)
+            .count();
         Some((p, holding.max(1) as f32 / (PI * self.by_cross_section.total() as f32)))
     }
 }
@@ -106,7 +109,8 @@ impl Aim<'_> {
         }
         let (sphere, ux) = chosen?;
         let axis = (sphere.center - self.p).try_normalize()?;
-        let d = Frame::from_normal(axis).to_world(warp::cone(Vec2::new(ux, u.y), sphere.one_minus_cos(self.p)));
+        let d =
+            Frame::from_normal(axis).to_world(warp::cone(Vec2::new(ux, u.y), sphere.one_minus_cos(self.p)));
         Some((d, self.pdf_w(d)))
     }
 

@@ -19,7 +19,7 @@ use crate::accel::{self, Backend, Intersector};
 use crate::bsdf::Bsdf;
 use crate::camera::Camera;
 use crate::film::FilmSettings;
-use crate::light::{Light, Lights};
+use crate::light::{Light, Lights, Targets};
 use crate::math::{Frame, Ray, Rgb, offset_origin};
 use crate::shape::{Bounds, Geometry, Hit};
 use crate::texture::Texture;
@@ -83,6 +83,8 @@ pub struct Scene {
     pub film: FilmSettings,
     /// Bounds of all shapes.
     pub bounds: Bounds,
+    /// Everything that has sharp lobes, for aiming caustic photons.
+    pub casters: Targets,
     shape_material: Vec<u32>,
     shape_light: Vec<Option<u32>>,
     intersector: Box<dyn Intersector>,
@@ -139,6 +141,9 @@ impl Scene {
         if d.shape_material.len() != d.geometry.shapes.len() {
             return Err(Error::Runtime("every shape needs a material".into()));
         }
+        let casters = d.geometry.shapes.iter().zip(&d.shape_material);
+        let casters = casters.filter(|&(_, &material)| d.materials[material as usize].lobes().sharp);
+        let casters = Targets::new(casters.map(|(shape, _)| shape.bounds()).collect());
         let intersector = accel::build(backend, &d.geometry)?;
         Ok(Scene {
             geometry: d.geometry,
@@ -148,6 +153,7 @@ impl Scene {
             camera: d.camera,
             film: d.film,
             bounds,
+            casters,
             shape_material: d.shape_material,
             shape_light,
             intersector,

@@ -1,6 +1,7 @@
 //! The watertight ray/triangle test of Woop, Benthin & Wald 2013, "Watertight Ray/Triangle Intersection": no ray slips
 //! through the edge or vertex that triangles share.
 
+use crate::accel::plane_distance;
 use crate::math::Ray;
 use glam::Vec3;
 
@@ -41,16 +42,8 @@ impl Shear {
             return None;
         }
         let inverse = 1.0 / (u + v + w);
-        let t = distance(vertices, ray);
+        let t = plane_distance(vertices, ray);
         // False for NaN as well: triangles of no area, or seen edge-on.
         (t > ray.t_min && t < ray.t_max).then_some((t, v * inverse, w * inverse))
     }
-}
-
-/// Distance to the triangle's plane. In f64 and from the vertices themselves: in f32 the distances to slivers are off by
-/// more than rays are moved off surfaces, and the few triangles that get here cost little.
-fn distance([a, b, c]: &[Vec3; 3], ray: &Ray) -> f32 {
-    let p = a.as_dvec3();
-    let n = (b.as_dvec3() - p).cross(c.as_dvec3() - p);
-    (n.dot(p - ray.o.as_dvec3()) / n.dot(ray.d.as_dvec3())) as f32
 }
