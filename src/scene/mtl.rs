@@ -74,7 +74,7 @@ pub(super) fn load(path: &Path, size: Option<(u32, u32)>) -> Result<SceneDescrip
                 return Err(Error::Scene { file: path.into(), line, message });
             }
         };
-        if library.get(&name).is_none() && !name.is_empty() {
+        if !library.contains_key(&name) && !name.is_empty() {
             builder.warnings.push(format!(
                 "{}:{line}: material '{name}' is unknown, as there is no mtllib: grey",
                 path.display()

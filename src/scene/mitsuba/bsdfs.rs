@@ -164,7 +164,7 @@ impl<'a> Loader<'a> {
         let mut alpha = |name| -> Result<Scalar> {
             let alpha = self.scalar(props, name, 0.1)?;
             match alpha {
-                Scalar::Constant(a) if !(a > 0.0) => {
+                Scalar::Constant(a) if a <= 0.0 || a.is_nan() => {
                     Err(props.error_at(name, format!("'{name}' is {a}, but must be positive")))
                 }
                 _ => Ok(alpha),

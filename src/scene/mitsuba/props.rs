@@ -148,7 +148,7 @@ impl<'a> Props<'a> {
     }
 
     /// An affine, invertible transform, as such and in double precision.
-    pub(super) fn to_world(&self) -> Result<DAffine3> {
+    pub(super) fn to_world(self) -> Result<DAffine3> {
         let m = self.matrix("to_world")?;
         let bottom = m.row(3);
         if bottom != glam::DVec4::W {

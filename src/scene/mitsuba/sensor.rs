@@ -54,7 +54,7 @@ impl<'a> Loader<'a> {
         let near = props.opt_float("near_clip")?;
         let far = props.opt_float("far_clip")?;
         let clip = (near.unwrap_or(0.0), far.unwrap_or(f32::INFINITY));
-        if !(clip.0 < clip.1) || near.is_some_and(|n| n <= 0.0) {
+        if clip.0 >= clip.1 || near.is_some_and(|n| n <= 0.0) {
             let message =
                 format!("'near_clip' {} must be positive and less than 'far_clip' {}", clip.0, clip.1);
             return Err(props.error_at("near_clip", message));

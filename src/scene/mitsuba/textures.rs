@@ -171,6 +171,8 @@ impl<'a> Loader<'a> {
             let value = props.opt_float(name)?;
             value.map(|v| v as f64).ok_or_else(|| props.error(format!("'{name}' is missing")))
         };
+        // Cuts off what lies outside of the visible range anyway.
+        let wavelength_range = || props.opt_float("wavelength_min").and(props.opt_float("wavelength_max"));
         let spectrum = match props.plugin() {
             // In RGB the illuminant is the white point.
             "d65" => {
@@ -195,7 +197,7 @@ impl<'a> Loader<'a> {
             }
             "uniform" | "rawconstant" => {
                 let value = need("value")?;
-                (props.opt_float("wavelength_min")?, props.opt_float("wavelength_max")?);
+                wavelength_range()?;
                 props.finish()?;
                 return Ok(Rgb::splat(value as f32));
             }
@@ -207,7 +209,7 @@ impl<'a> Loader<'a> {
             }
             "blackbody" => {
                 let (kelvin, scale) = (need("temperature")?, props.float("scale", 1.0)?);
-                (props.opt_float("wavelength_min")?, props.opt_float("wavelength_max")?);
+                wavelength_range()?;
                 Spectrum::blackbody(kelvin, scale as f64)
             }
             "regular" | "irregular" if props.has("value") => match &props.get("value").map(|p| &p.value) {
