@@ -156,7 +156,7 @@ fn write(
     }
     let command: Vec<_> = std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect();
     let attributes = [
-        ("caustica", format!("caustica {}", env!("CARGO_PKG_VERSION"))),
+        ("software", format!("caustica {}", env!("CARGO_PKG_VERSION"))),
         ("scene", args.scene.display().to_string()),
         ("integrator", integrator_name(prepared.options.integrator).into()),
         ("seed", prepared.options.seed.to_string()),
