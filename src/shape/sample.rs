@@ -35,11 +35,12 @@ impl Shape {
 }
 
 impl Sphere {
-    /// 1 − cos of the half-angle under which the sphere is seen, and the squared sine; `None` from within.
+    /// 1 − cos of the half-angle under which the sphere is seen, and the squared sine; `None` from within. A sphere
+    /// that shows its inside is seen from within alone, whatever rounding says of points on it.
     fn visible_cone(&self, from: Vec3) -> Option<(f64, f64)> {
         let distance2 = self.center.as_dvec3().distance_squared(from.as_dvec3());
         let sin2 = (self.radius as f64).powi(2) / distance2;
-        (sin2 < 1.0).then(|| (sin2 / (1.0 + (1.0 - sin2).sqrt()), sin2))
+        (!self.flipped && sin2 < 1.0).then(|| (sin2 / (1.0 + (1.0 - sin2).sqrt()), sin2))
     }
 
     /// A point uniform in the solid angle under which the sphere is seen from `from`, and the unit direction to it.
