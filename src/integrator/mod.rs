@@ -153,7 +153,7 @@ pub fn render(
         let samples = || samples.iter().flatten();
         picture.add_pass(samples().map(|sample| sample.parts.sum()));
         for ((_, value), film) in &mut layers {
-            film.add_pass(samples().map(|sample| value(sample)));
+            film.add_pass(samples().map(value));
         }
         stats.passes += 1;
         stats.estimated_relative_error = picture.estimated_relative_error();

@@ -95,7 +95,7 @@ impl AreaSampler {
     ) -> Option<EmissionSample> {
         let point = shape.sample_area(&self.distribution, u_pos)?;
         let radiance = radiance.eval(textures, point.uv);
-        let (d, flux) = match targets.from_point(point.p) {
+        let (d, flux) = match targets.aim_from(point.p) {
             Some(aim) => {
                 let (d, pdf_w) = aim.sample(u_dir)?;
                 (d, radiance * (d.dot(point.n_g).max(0.0) * self.area / pdf_w))

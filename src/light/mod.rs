@@ -299,7 +299,7 @@ impl Lights {
                 u_dir,
             )?,
             (Light::Point { position, intensity }, _) => {
-                let (d, pdf_w) = match targets.from_point(*position) {
+                let (d, pdf_w) = match targets.aim_from(*position) {
                     Some(aim) => aim.sample(u_dir)?,
                     None => (warp::sphere(u_dir), warp::SPHERE_PDF_W),
                 };

@@ -44,7 +44,7 @@ impl Targets {
     }
 
     /// Aims from `p`, or `None` if the spheres fill so much of the view that there is nothing to gain.
-    pub(super) fn from_point(&self, p: Vec3) -> Option<Aim<'_>> {
+    pub(super) fn aim_from(&self, p: Vec3) -> Option<Aim<'_>> {
         let solid_angle: f32 = self.spheres.iter().map(|s| s.solid_angle(p)).sum();
         (solid_angle > 0.0 && solid_angle < PI).then_some(Aim { targets: self, p, solid_angle })
     }
@@ -165,7 +165,7 @@ mod tests {
             cube(Vec3::new(0.0, -9.0, 1.0), 0.5),
         ]);
         let p = Vec3::new(0.1, 0.2, 0.3);
-        let aim = targets.from_point(p).unwrap();
+        let aim = targets.aim_from(p).unwrap();
         let inside = |d: Vec3| {
             let hit = |s: &Sphere| {
                 let to = s.center - p;
@@ -213,6 +213,6 @@ mod tests {
         for b in boxes {
             assert!(targets.spheres.iter().any(|s| s.center.distance(b.center()) <= s.radius));
         }
-        assert!(Targets::new(vec![]).from_point(Vec3::ZERO).is_none());
+        assert!(Targets::new(vec![]).aim_from(Vec3::ZERO).is_none());
     }
 }

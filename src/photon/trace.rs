@@ -124,8 +124,8 @@ fn trace_one(
         if depth >= 32 {
             survival = survival.min(0.95); // light trapped by total reflection
         }
-        // Written so that a NaN ends the path.
-        if !(u_rr < survival) {
+        let survives = u_rr < survival; // false for NaN
+        if !survives {
             return;
         }
         flux /= survival;
