@@ -16,7 +16,7 @@ use crate::math::{Ray, Rgb, Sampler, Stream};
 use crate::scene::{Scene, Surface};
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
-use photonmap::{Maps, Scratch};
+use photonmap::{Eye, Maps, Scratch};
 use plan::Plan;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -274,16 +274,10 @@ fn pass(
                     let ray = scene.camera.ray(position / full, sampler.next_2d());
                     let mut seen = Seen::default();
                     let parts = match &maps {
-                        Some(maps) => photonmap::radiance(
-                            scene,
-                            params,
-                            maps,
-                            ray,
-                            &mut sampler,
-                            scratch,
-                            &mut seen,
-                            &mut rays,
-                        ),
+                        Some(maps) => {
+                            let eye = Eye { scene, params, maps };
+                            eye.radiance(ray, &mut sampler, scratch, &mut seen, &mut rays)
+                        }
                         None => path::radiance(scene, params, ray, &mut sampler, &mut seen, &mut rays),
                     };
                     Sample { parts, seen }
