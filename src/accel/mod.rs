@@ -1,9 +1,16 @@
 //! Ray backends behind one seam, [`Intersector`]. They know geometry, no materials, and invent no epsilons: a hit
 //! counts when `t_min < t < t_max`.
 
+#[cfg(feature = "bvh")]
+mod bvh;
+#[cfg(feature = "embree")]
+mod embree;
+
 use crate::math::Ray;
-use crate::shape::{Geometry, Hit};
+use crate::shape::{Geometry, Hit, Shape};
 use crate::{Error, Result};
+#[cfg(any(feature = "embree", feature = "bvh"))]
+use glam::Vec3;
 
 /// Which implementation traces the rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,7 +41,7 @@ pub fn available() -> &'static [Backend] {
     ]
 }
 
-/// The ray-scene seam.
+/// The ray-scene seam. A ray's `t_min` must not be negative; rays that are not finite hit nothing.
 pub trait Intersector: Send + Sync {
     /// The nearest hit.
     fn intersect(&self, ray: &Ray) -> Option<Hit>;
@@ -53,8 +60,58 @@ pub trait Intersector: Send + Sync {
 /// Builds the acceleration structure over `geometry`.
 ///
 /// # Errors
-/// [`Error::Usage`] if the build lacks the backend, [`Error::Runtime`] if the device or memory fails.
+/// [`Error::Usage`] if the build lacks the backend or a mesh names vertices it does not have, [`Error::Runtime`] if the
+/// device or memory fails.
 pub fn build(backend: Backend, geometry: &Geometry) -> Result<Box<dyn Intersector>> {
-    let _ = geometry;
-    Err(Error::Usage(format!("this build has no backend '{}'", backend.name())))
+    check(geometry)?;
+    match backend {
+        #[cfg(feature = "embree")]
+        Backend::Embree => Ok(Box::new(embree::Embree::new(geometry)?)),
+        #[cfg(feature = "bvh")]
+        Backend::Bvh => Ok(Box::new(bvh::Bvh::new(geometry))),
+        #[allow(unreachable_patterns)]
+        _ => Err(Error::Usage(format!("this build has no backend '{}'", backend.name()))),
+    }
 }
+
+/// What the backends rely on: indices within their meshes, and primitives that u32 can number.
+fn check(geometry: &Geometry) -> Result<()> {
+    let mut primitives = 0;
+    for (i, shape) in geometry.shapes.iter().enumerate() {
+        primitives += match shape {
+            Shape::Mesh(mesh) => {
+                let vertices = mesh.positions.len();
+                if mesh.triangles.iter().flatten().any(|&v| v as usize >= vertices) {
+                    return Err(Error::Usage(format!(
+                        "shape {i} has triangles of vertices beyond its {vertices}"
+                    )));
+                }
+                mesh.triangles.len()
+            }
+            _ => 1,
+        };
+    }
+    if primitives > u32::MAX as usize / 2 {
+        return Err(Error::Usage(format!("{primitives} primitives are too many")));
+    }
+    Ok(())
+}
+
+/// Whether a ray can hit anything. Slab tests and Embree are spared what is not finite.
+#[cfg(any(feature = "embree", feature = "bvh"))]
+fn is_valid(ray: &Ray) -> bool {
+    let sum = ray.o + ray.d;
+    (sum.x + sum.y + sum.z).is_finite() && ray.t_min >= 0.0 && ray.t_min < ray.t_max
+}
+
+/// Distance along the ray to a triangle's plane, not finite or NaN if there is none. In f64: in f32 the distances to
+/// thin triangles are off by more than rays are moved off surfaces.
+#[cfg(any(feature = "embree", feature = "bvh"))]
+fn plane_distance([a, b, c]: &[Vec3; 3], ray: &Ray) -> f32 {
+    let p = a.as_dvec3();
+    let n = (b.as_dvec3() - p).cross(c.as_dvec3() - p);
+    (n.dot(p - ray.o.as_dvec3()) / n.dot(ray.d.as_dvec3())) as f32
+}
+
+#[cfg(test)]
+mod tests;

@@ -39,7 +39,7 @@ impl Cylinder {
         let m = to_world.matrix3.as_dmat3();
         let (x, y, z) = (m * frame.s.as_dvec3(), m * frame.t.as_dvec3(), m * (p1 - p0).as_dvec3());
         if !similar(x, y)
-            || !(z.length_squared() > 0.0)
+            || z == DVec3::ZERO
             || [x, y].iter().any(|a| a.dot(z).abs() > 1e-3 * (a.length() * z.length()))
         {
             return Err("a cylinder's transform must be regular, without shear and without non-uniform scale across the axis".into());
