@@ -52,7 +52,7 @@ impl Embree {
         let device = Device::new()?;
         // SAFETY: the device is valid; the result is checked.
         let scene = Scene(device.not_null(unsafe { rtcNewScene(device.0) }, "creating a scene")?);
-        // SAFETY: the scene is valid. Robust: watertight, as our own BVH is.
+        // SAFETY: the scene is valid. Robust: no ray slips through shared edges.
         unsafe { rtcSetSceneFlags(scene.0, RTC_SCENE_FLAG_ROBUST) };
 
         // Complete before Embree gets pointers to their items.
