@@ -83,6 +83,8 @@ pub struct Scene {
     pub film: FilmSettings,
     /// Bounds of all shapes.
     pub bounds: Bounds,
+    /// Everything, for aiming photons.
+    pub targets: Targets,
     /// Everything that has sharp lobes, for aiming caustic photons.
     pub casters: Targets,
     shape_material: Vec<u32>,
@@ -141,8 +143,9 @@ impl Scene {
         if d.shape_material.len() != d.geometry.shapes.len() {
             return Err(Error::Runtime("every shape needs a material".into()));
         }
-        let casters = d.geometry.shapes.iter().zip(&d.shape_material);
-        let casters = casters.filter(|&(_, &material)| d.materials[material as usize].lobes().sharp);
+        let shapes = || d.geometry.shapes.iter().zip(&d.shape_material);
+        let targets = Targets::new(shapes().map(|(shape, _)| shape.bounds()).collect());
+        let casters = shapes().filter(|&(_, &material)| d.materials[material as usize].lobes().sharp);
         let casters = Targets::new(casters.map(|(shape, _)| shape.bounds()).collect());
         let intersector = accel::build(backend, &d.geometry)?;
         Ok(Scene {
@@ -153,6 +156,7 @@ impl Scene {
             camera: d.camera,
             film: d.film,
             bounds,
+            targets,
             casters,
             shape_material: d.shape_material,
             shape_light,

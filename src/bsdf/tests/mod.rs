@@ -414,7 +414,8 @@ fn split_lobes_are_the_sampled_ones_weighted_by_their_probability() {
             let n = 10_000;
             let mut mean = [Rgb::ZERO; 2];
             for i in 0..n {
-                let sample = bsdf.sample(wo, (i as f32 + 0.5) / n as f32, Vec2::ZERO, Mode::Radiance).unwrap();
+                let sample =
+                    bsdf.sample(wo, (i as f32 + 0.5) / n as f32, Vec2::ZERO, Mode::Radiance).unwrap();
                 let k = lobes.iter().position(|lobe| lobe.wi == sample.wi).unwrap();
                 mean[k] += sample.weight / n as f32;
             }
