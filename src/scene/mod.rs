@@ -143,10 +143,10 @@ impl Scene {
         if d.shape_material.len() != d.geometry.shapes.len() {
             return Err(Error::Runtime("every shape needs a material".into()));
         }
-        let shapes = || d.geometry.shapes.iter().zip(&d.shape_material);
-        let targets = Targets::new(shapes().map(|(shape, _)| shape.bounds()).collect());
-        let casters = shapes().filter(|&(_, &material)| d.materials[material as usize].lobes().sharp);
-        let casters = Targets::new(casters.map(|(shape, _)| shape.bounds()).collect());
+        let boxes: Vec<_> = (0..).zip(d.geometry.shapes.iter().map(|shape| shape.bounds())).collect();
+        let targets = Targets::new(boxes.iter().copied());
+        let sharp = |shape: u32| d.materials[d.shape_material[shape as usize] as usize].lobes().sharp;
+        let casters = Targets::new(boxes.iter().copied().filter(|&(shape, _)| sharp(shape)));
         let intersector = accel::build(backend, &d.geometry)?;
         Ok(Scene {
             geometry: d.geometry,
