@@ -43,7 +43,9 @@ fn embree() -> Result<(), String> {
         Err(_) => return Err("libclang is missing".into()),
     };
     let text = bindings.to_string();
-    let version = ["4", "3"].into_iter().find(|v| text.contains(&format!("RTC_VERSION_MAJOR: u32 = {v};")));
+    // Without spaces: they depend on whether rustfmt is installed.
+    let dense: String = text.split_whitespace().collect();
+    let version = ["4", "3"].into_iter().find(|v| dense.contains(&format!("RTC_VERSION_MAJOR:u32={v};")));
     let version = version.ok_or("its version is neither 4 nor 3")?;
     let out = std::env::var("OUT_DIR").map_err(|e| e.to_string())? + "/embree.rs";
     std::fs::write(&out, text).map_err(|e| format!("{out}: {e}"))?;

@@ -1,5 +1,7 @@
 //! Incoherent rays per second of every backend, on a bumpy sphere of 100k triangles with a few analytic spheres in it.
 
+#![allow(missing_docs)] // criterion_group! makes a public function
+
 use caustica::accel::{available, build};
 use caustica::math::{Ray, warp};
 use caustica::shape::{Geometry, Mesh, Shape, Sphere};

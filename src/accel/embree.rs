@@ -1,9 +1,9 @@
 //! Ray tracing by the system's Embree 4 or 3. All its `unsafe` lives here, behind handles that release themselves.
 //!
 //! Shape `i` becomes the geometry with id `i`. Meshes are copied; analytic shapes are user geometries that call
-//! [`Shape::intersect`], as the other backend does, so that both find the same hits. Meshes with thin triangles get a
-//! filter that checks hits in f64: Embree computes distances from the f32 cross product of the edges, and for thin
-//! triangles that is off by more than rays are moved off surfaces.
+//! [`Shape::intersect`], as the other backend does, so that both find the same hits. Thin triangles of all meshes go
+//! into one more geometry, whose hits are checked in f64: Embree computes distances from the f32 cross product of the
+//! edges, and for thin triangles that is off by more than rays are moved off surfaces.
 
 #![allow(unsafe_code)]
 
@@ -13,6 +13,7 @@ use crate::shape::{Geometry, Hit, Mesh, Shape};
 use crate::{Error, Result};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::ffi::c_void;
 use std::ptr;
 
@@ -33,8 +34,10 @@ pub(super) struct Embree {
     scene: Scene,
     /// User geometries point here, so it lives as long as the scene and its items never move.
     _quadrics: Vec<Shape>,
-    /// As above, for the filters.
-    _thin: Vec<Corners>,
+    /// As above, for the filter.
+    thin: Vec<Thin>,
+    /// Id of the geometry of thin triangles.
+    thin_id: u32,
     _device: Device,
 }
 
@@ -49,34 +52,40 @@ impl Embree {
         let device = Device::new()?;
         // SAFETY: the device is valid; the result is checked.
         let scene = Scene(device.not_null(unsafe { rtcNewScene(device.0) }, "creating a scene")?);
-        // SAFETY: the scene is valid. Robust: watertight, as our own BVH is.
+        // SAFETY: the scene is valid. Robust: no ray slips through shared edges.
         unsafe { rtcSetSceneFlags(scene.0, RTC_SCENE_FLAG_ROBUST) };
 
+        // Complete before Embree gets pointers to their items.
         let is_quadric = |s: &&Shape| !matches!(s, Shape::Mesh(_));
         let quadrics: Vec<Shape> = geometry.shapes.iter().filter(is_quadric).cloned().collect();
+        let thin = Thin::all(geometry);
+        let thin_id = geometry.shapes.len() as u32;
+
         let mut next_quadric = quadrics.iter();
-        // With room for all: what points to its items must not see them move.
-        let mut thin = Vec::with_capacity(geometry.shapes.len());
         for (id, shape) in geometry.shapes.iter().enumerate() {
             let part = match shape {
                 Shape::Mesh(mesh) if mesh.triangles.is_empty() => continue,
-                Shape::Mesh(mesh) => device.mesh(mesh, &mut thin)?,
+                Shape::Mesh(mesh) => {
+                    let of_mesh = |t: &Thin| t.shape.cmp(&(id as u32));
+                    let start = thin.partition_point(|t| of_mesh(t).is_lt());
+                    let end = thin.partition_point(|t| of_mesh(t).is_le());
+                    device.mesh(mesh, &thin[start..end])?
+                }
                 _ => match next_quadric.next() {
                     Some(quadric) => device.quadric(quadric)?,
                     None => continue,
                 },
             };
-            // SAFETY: both handles are valid; the scene takes its own reference.
-            unsafe {
-                rtcCommitGeometry(part.0);
-                rtcAttachGeometryByID(scene.0, part.0, id as u32);
-            }
-            device.check("copying the geometry")?;
+            scene.attach(&part, id as u32);
         }
+        if !thin.is_empty() {
+            scene.attach(&device.thin(&thin)?, thin_id);
+        }
+        device.check("copying the geometry")?;
         // SAFETY: the scene is valid and not yet shared.
         unsafe { rtcCommitScene(scene.0) };
         device.check("building the scene")?;
-        Ok(Embree { scene, _quadrics: quadrics, _thin: thin, _device: device })
+        Ok(Embree { scene, _quadrics: quadrics, thin, thin_id, _device: device })
     }
 }
 
@@ -97,13 +106,12 @@ impl Intersector for Embree {
         let RTCRayHit { ray: end, hit } = query;
         // Embree compares distances before it divides; rounding must not carry the quotient out of the range.
         let t = end.tfar.max(above(ray.t_min)).min(below(ray.t_max));
-        (hit.geomID != INVALID).then_some(Hit {
-            t,
-            u: hit.u,
-            v: hit.v,
-            shape: hit.geomID,
-            primitive: hit.primID,
-        })
+        let (shape, primitive) = match hit.geomID {
+            INVALID => return None,
+            id if id == self.thin_id => self.thin.get(hit.primID as usize).map(|t| (t.shape, t.primitive))?,
+            id => (id, hit.primID),
+        };
+        Some(Hit { t, u: hit.u, v: hit.v, shape, primitive })
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
@@ -158,19 +166,43 @@ struct Device(RTCDevice);
 struct Scene(RTCScene);
 struct Part(RTCGeometry);
 
-/// Embree's copy of a mesh.
-struct Corners {
-    positions: *const Vec3,
-    triangles: *const [u32; 3],
+impl Scene {
+    fn attach(&self, part: &Part, id: u32) {
+        // SAFETY: both handles are valid; the scene takes its own reference.
+        unsafe {
+            rtcCommitGeometry(part.0);
+            rtcAttachGeometryByID(self.0, part.0, id);
+        }
+    }
+}
+
+/// A triangle too thin for Embree's own distances.
+struct Thin {
+    vertices: [Vec3; 3],
+    shape: u32,
+    primitive: u32,
+}
+
+impl Thin {
+    /// By shape and triangle, ascending.
+    fn all(geometry: &Geometry) -> Vec<Thin> {
+        let of_shape = |(shape, s): (usize, &Shape)| match s {
+            Shape::Mesh(mesh) => (0..mesh.triangles.len() as u32)
+                .into_par_iter()
+                .map(|t| Thin { vertices: mesh.vertices(t), shape: shape as u32, primitive: t })
+                .filter(|t| is_thin(t.vertices))
+                .collect(),
+            _ => Vec::new(),
+        };
+        geometry.shapes.iter().enumerate().flat_map(of_shape).collect()
+    }
 }
 
 /// Whether a triangle is so thin that Embree's distances are not good enough: rays moved off their surface by
 /// [`crate::math::offset_origin`] were seen to hit it again from a length/height of 230 on.
 fn is_thin([a, b, c]: [Vec3; 3]) -> bool {
     let (e, f) = (b - a, c - a);
-    let area = e.cross(f).length();
-    // Not for those without any area: they are never hit.
-    e.length_squared().max(f.length_squared()) > 64.0 * area && area > 0.0
+    e.length_squared().max(f.length_squared()) > 64.0 * e.cross(f).length()
 }
 
 impl Drop for Device {
@@ -229,40 +261,45 @@ impl Device {
         Ok(Part(self.not_null(unsafe { rtcNewGeometry(self.0, kind) }, "creating a geometry")?))
     }
 
-    /// The geometry may refer to what is added to `thin`, within its capacity, for as long as its scene lives.
-    fn mesh(&self, mesh: &Mesh, thin: &mut Vec<Corners>) -> Result<Part> {
+    /// All triangles but the thin ones, in whose place stands a point.
+    fn mesh(&self, mesh: &Mesh, thin: &[Thin]) -> Result<Part> {
+        let mut triangles = Cow::Borrowed(&mesh.triangles);
+        for t in thin {
+            let corners = &mut triangles.to_mut()[t.primitive as usize];
+            *corners = [corners[0]; 3];
+        }
         let part = self.part(RTC_GEOMETRY_TYPE_TRIANGLE)?;
-        let positions = self.copy(&part, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, &mesh.positions)?;
-        let triangles = self.copy(&part, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, &mesh.triangles)?;
-        if (0..mesh.triangles.len() as u32).into_par_iter().any(|t| is_thin(mesh.vertices(t))) {
-            let index = thin.len();
-            thin.push(Corners { positions, triangles });
-            // SAFETY: the geometry is valid, and the callback gets the pointer that it expects.
-            unsafe {
-                rtcSetGeometryUserData(part.0, ptr::from_ref(&thin[index]).cast_mut().cast::<c_void>());
-                rtcSetGeometryIntersectFilterFunction(part.0, Some(thin_filter));
-                rtcSetGeometryOccludedFilterFunction(part.0, Some(thin_filter));
-            }
+        self.copy(&part, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, &mesh.positions)?;
+        self.copy(&part, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, &triangles)?;
+        Ok(part)
+    }
+
+    /// The geometry refers to `thin` for as long as its scene lives.
+    fn thin(&self, thin: &[Thin]) -> Result<Part> {
+        let positions: Vec<Vec3> = thin.iter().flat_map(|t| t.vertices).collect();
+        let triangles: Vec<[u32; 3]> =
+            (0..thin.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let part = self.part(RTC_GEOMETRY_TYPE_TRIANGLE)?;
+        self.copy(&part, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, &positions)?;
+        self.copy(&part, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, &triangles)?;
+        // SAFETY: the geometry is valid, and the callback gets the pointer that it expects.
+        unsafe {
+            rtcSetGeometryUserData(part.0, thin.as_ptr().cast_mut().cast::<c_void>());
+            rtcSetGeometryIntersectFilterFunction(part.0, Some(thin_filter));
+            rtcSetGeometryOccludedFilterFunction(part.0, Some(thin_filter));
         }
         Ok(part)
     }
 
-    /// Copies into a buffer that Embree allocates, which keeps its padding rules and our lifetimes apart. The result
-    /// is valid as long as the geometry.
-    fn copy<T: Copy>(
-        &self,
-        part: &Part,
-        kind: RTCBufferType,
-        format: RTCFormat,
-        from: &[T],
-    ) -> Result<*const T> {
+    /// Copies into a buffer that Embree allocates, which keeps its padding rules and our lifetimes apart.
+    fn copy<T: Copy>(&self, part: &Part, kind: RTCBufferType, format: RTCFormat, from: &[T]) -> Result<()> {
         const { assert!(size_of::<T>() == 12) };
         // SAFETY: the geometry is valid; the result is checked.
         let to = unsafe { rtcSetNewGeometryBuffer(part.0, kind, 0, format, size_of::<T>(), from.len()) };
         let to = self.not_null(to, "allocating a mesh")?.cast::<T>();
         // SAFETY: the new buffer holds as many items of this size, and overlaps nothing of ours.
         unsafe { ptr::copy_nonoverlapping(from.as_ptr(), to, from.len()) };
-        Ok(to)
+        Ok(())
     }
 
     /// The geometry refers to `quadric` for as long as its scene lives.
@@ -347,17 +384,15 @@ unsafe extern "C" fn quadric_occluded(args: *const RTCOccludedFunctionNArguments
 /// Rejects hits that are not there, or far off.
 ///
 /// # Safety
-/// Called by Embree with valid arguments, whose user pointer is that of [`Device::mesh`].
+/// Called by Embree with valid arguments, whose user pointer is that of [`Device::thin`].
 unsafe extern "C" fn thin_filter(args: *const RTCFilterFunctionNArguments) {
-    // SAFETY: see above; for queries of one ray the packets are a plain RTCRay and RTCHit. Embree gives the index of a
-    // triangle of this mesh, and the mesh's indices have been checked.
+    // SAFETY: see above; for queries of one ray the packets are a plain RTCRay and RTCHit, and the triangle's index is
+    // one of those that the geometry was made of.
     unsafe {
         let args = &*args;
         let (ray, hit) = (&*args.ray.cast::<RTCRay>(), &*args.hit.cast::<RTCHit>());
-        let corners = &*args.geometryUserPtr.cast::<Corners>();
-        let vertices =
-            (*corners.triangles.add(hit.primID as usize)).map(|i| *corners.positions.add(i as usize));
-        let t = super::plane_distance(&vertices, &our_ray(ray));
+        let thin = &*args.geometryUserPtr.cast::<Thin>().add(hit.primID as usize);
+        let t = super::plane_distance(&thin.vertices, &our_ray(ray));
         // Here `tfar` is the distance of this hit.
         if !(t > ray.tnear && (t - ray.tfar).abs() <= t / 16.0) {
             *args.valid = 0;

@@ -100,7 +100,8 @@ fn check(geometry: &Geometry) -> Result<()> {
 /// Whether a ray can hit anything. Slab tests and Embree are spared what is not finite.
 #[cfg(any(feature = "embree", feature = "bvh"))]
 fn is_valid(ray: &Ray) -> bool {
-    ray.o.is_finite() && ray.d.is_finite() && ray.t_min >= 0.0 && ray.t_min < ray.t_max
+    let sum = ray.o + ray.d;
+    (sum.x + sum.y + sum.z).is_finite() && ray.t_min >= 0.0 && ray.t_min < ray.t_max
 }
 
 /// Distance along the ray to a triangle's plane, not finite or NaN if there is none. In f64: in f32 the distances to

@@ -37,6 +37,11 @@ impl Dielectric {
         self.transmittance.lerp(self.reflectance, r)
     }
 
+    /// Probability of reflection.
+    pub(super) fn reflects(&self, wo: Vec3) -> f32 {
+        fresnel::dielectric(wo.z.abs(), self.facing(wo).eta).0
+    }
+
     pub(super) fn sample(&self, wo: Vec3, u_lobe: f32, mode: Mode) -> Option<BsdfSample> {
         if wo.z == 0.0 {
             return None;
@@ -56,10 +61,14 @@ impl Dielectric {
 pub(super) struct ThinDielectric(pub(super) Dielectric);
 
 impl ThinDielectric {
-    pub(super) fn sample(&self, wo: Vec3, u_lobe: f32) -> Option<BsdfSample> {
-        // All orders of internal reflection: R + TRT + TR³T + … = 2R / (1 + R).
+    /// Probability of reflection, all orders of internal reflection: R + TRT + TR³T + … = 2R / (1 + R).
+    pub(super) fn reflects(&self, wo: Vec3) -> f32 {
         let r = fresnel::dielectric(wo.z.abs(), self.0.eta).0;
-        if u_lobe < 2.0 * r / (1.0 + r) {
+        2.0 * r / (1.0 + r)
+    }
+
+    pub(super) fn sample(&self, wo: Vec3, u_lobe: f32) -> Option<BsdfSample> {
+        if u_lobe < self.reflects(wo) {
             Some(BsdfSample::delta(Vec3::new(-wo.x, -wo.y, wo.z), self.0.reflectance, 1.0))
         } else {
             Some(BsdfSample::delta(-wo, self.0.transmittance, 1.0))

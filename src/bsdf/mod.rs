@@ -233,6 +233,24 @@ impl<'a> Bsdf<'a> {
         Some(s)
     }
 
+    /// Both delta lobes of a smooth interface, each weighted by itself: a path may follow both instead of choosing one.
+    /// `None` for all else, and where one of them is missing.
+    pub fn split(&self, wo: Vec3, mode: Mode) -> Option<[BsdfSample; 2]> {
+        let reflects = match &self.kind {
+            Kind::Dielectric(b) if self.opacity == 1.0 => b.reflects(wo),
+            Kind::ThinDielectric(b) if self.opacity == 1.0 => b.reflects(wo),
+            _ => return None,
+        };
+        if reflects <= 0.0 || reflects >= 1.0 {
+            return None;
+        }
+        let lobe = |u_lobe, prob| {
+            let sample = self.sample(wo, u_lobe, Vec2::ZERO, mode)?;
+            Some(BsdfSample { weight: sample.weight * prob, ..sample })
+        };
+        Some([lobe(0.0, reflects)?, lobe(reflects, 1.0 - reflects)?])
+    }
+
     /// Whether any lobe is not a delta: photons are stored and light is sampled there.
     pub fn has_smooth(&self) -> bool {
         let delta_only = matches!(

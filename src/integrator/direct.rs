@@ -40,8 +40,8 @@ pub(super) fn sample_light(
     let light = scene.lights.sample_direct(&scene.geometry, &scene.textures, s.p, u_light, u)?;
     let wi = s.frame.to_local(light.wi);
     let f = s.bsdf.eval(wo, wi, Mode::Radiance, Share::All);
-    // Written so that a NaN ends here.
-    if !(f.max_element() > 0.0) {
+    let lit = f.max_element() > 0.0; // false for NaN
+    if !lit {
         return None;
     }
     let ray = match light.target {
@@ -80,13 +80,9 @@ pub(super) fn emitted(scene: &Scene, s: &Surface, ray: &Ray, previous: &Previous
 
 /// Radiance of the environment along `ray`, weighted against light sampling at the previous vertex.
 pub(super) fn background(scene: &Scene, ray: &Ray, previous: &Previous) -> Rgb {
-    let radiance = scene.lights.background(ray.d);
-    match previous.pdf_w {
-        Some(pdf_w) if radiance != Rgb::ZERO => {
-            radiance * power_heuristic(pdf_w, scene.lights.pdf_background_w(ray.d))
-        }
-        _ => radiance,
-    }
+    let Some(pdf_w) = previous.pdf_w else { return scene.lights.background(ray.d) };
+    let (radiance, other) = scene.lights.background_with_pdf_w(ray.d);
+    radiance * power_heuristic(pdf_w, other)
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use crate::math::{Ray, Rgb, Sampler, Stream};
 use crate::scene::{Scene, Surface};
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
-use photonmap::{Maps, Scratch};
+use photonmap::{Eye, Maps, Scratch};
 use plan::Plan;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -153,7 +153,7 @@ pub fn render(
         let samples = || samples.iter().flatten();
         picture.add_pass(samples().map(|sample| sample.parts.sum()));
         for ((_, value), film) in &mut layers {
-            film.add_pass(samples().map(|sample| value(sample)));
+            film.add_pass(samples().map(value));
         }
         stats.passes += 1;
         stats.estimated_relative_error = picture.estimated_relative_error();
@@ -274,16 +274,10 @@ fn pass(
                     let ray = scene.camera.ray(position / full, sampler.next_2d());
                     let mut seen = Seen::default();
                     let parts = match &maps {
-                        Some(maps) => photonmap::radiance(
-                            scene,
-                            params,
-                            maps,
-                            ray,
-                            &mut sampler,
-                            scratch,
-                            &mut seen,
-                            &mut rays,
-                        ),
+                        Some(maps) => {
+                            let eye = Eye { scene, params, maps };
+                            eye.radiance(ray, &mut sampler, scratch, &mut seen, &mut rays)
+                        }
                         None => path::radiance(scene, params, ray, &mut sampler, &mut seen, &mut rays),
                     };
                     Sample { parts, seen }

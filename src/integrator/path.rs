@@ -130,8 +130,8 @@ pub(super) fn radiance(
         if depth >= params.rr_depth {
             // eta² undoes the scaling of radiance inside glass, which says nothing about what the path will find.
             let survival = (beta.total().max_element() * eta * eta).min(0.95);
-            // Written so that a NaN ends the path.
-            if !(sampler.next_1d() < survival) {
+            let survives = sampler.next_1d() < survival; // false for NaN
+            if !survives {
                 break;
             }
             let scale = 1.0 / survival;

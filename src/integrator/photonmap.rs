@@ -3,7 +3,7 @@
 use super::direct::{self, Previous};
 use super::plan::Plan;
 use super::{DirectLight, Params, Parts, Seen};
-use crate::bsdf::{Mode, Share};
+use crate::bsdf::{BsdfSample, Mode, Share};
 use crate::math::{Ray, Rgb, Sampler, luminance};
 use crate::photon::kdtree::KnnHeap;
 use crate::photon::{Estimator, Photon, PhotonMap, Store, trace};
@@ -104,118 +104,187 @@ impl Scratch {
     }
 }
 
-/// Radiance along `ray`.
-///
-/// The path follows sharp lobes, and at every vertex that scatters light into them by broad lobes too it collects
-/// direct light and caustics. When it first leaves by a broad lobe it has become a gather ray: what it now meets is
-/// taken from the global map, through any sharp lobes on the way.
-#[allow(clippy::too_many_arguments)]
-pub(super) fn radiance(
-    scene: &Scene,
-    params: &Params,
-    maps: &Maps,
-    mut ray: Ray,
-    sampler: &mut Sampler,
-    scratch: &mut Scratch,
-    seen: &mut Seen,
-    rays: &mut u64,
-) -> Parts {
-    let mut sum = Parts::default();
-    let mut beta = Rgb::ONE;
-    // Throughput of light that the next vertex emits; zero where another part already counts it.
-    let mut beta_emitted = if params.hide_emitters { Rgb::ZERO } else { Rgb::ONE };
-    let mut emitted_part: fn(&mut Parts) -> &mut Rgb = |parts| &mut parts.direct;
-    let mut gathering = false;
-    let mut through_sharp = false;
-    let mut eta = 1.0;
-    let mut previous = Previous { p: ray.o, pdf_w: None };
-    let max_depth = params.max_segments();
-    for depth in 1..=max_depth {
-        *rays += 1;
-        let Some(s) = scene.hit(&ray) else {
-            *emitted_part(&mut sum) += beta_emitted * direct::background(scene, &ray, &previous);
-            break;
-        };
-        if depth == 1 {
-            *seen = Seen::new(&s, &ray);
-        }
-        *emitted_part(&mut sum) += beta_emitted * direct::emitted(scene, &s, &ray, &previous);
-        if depth == max_depth || beta == Rgb::ZERO {
-            break;
-        }
+/// The end of a camera path that is still growing.
+#[derive(Clone, Copy)]
+struct Walk {
+    ray: Ray,
+    /// Segments, this one included.
+    depth: u32,
+    beta: Rgb,
+    /// Throughput of light that the next vertex emits; zero where another part already counts it.
+    beta_emitted: Rgb,
+    /// The part that such light belongs to.
+    emitted_part: fn(&mut Parts) -> &mut Rgb,
+    /// Whether the path has left a vertex by a broad lobe: what it meets is taken from the global map.
+    gathering: bool,
+    /// Whether the first vertex has scattered by a sharp lobe.
+    through_sharp: bool,
+    /// Product of the relative indices of refraction.
+    eta: f32,
+    previous: Previous,
+}
 
-        let wo = s.frame.to_local(-ray.d);
-        let smooth = s.bsdf.has_smooth();
-        if smooth && gathering {
-            let light = maps.gather(&s, -ray.d, max_depth - depth, scratch);
-            *(if through_sharp { &mut sum.specular } else { &mut sum.indirect }) += beta * light;
-        } else if smooth {
-            let mut here = maps.seen(params, &s, -ray.d, max_depth - depth, scratch);
-            if params.direct == DirectLight::Sample {
-                if let Some(lit) = direct::sample_light(scene, &s, wo, sampler, rays) {
-                    here.direct += lit.f * lit.light;
+/// Camera paths over the maps of one pass.
+pub(super) struct Eye<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) params: &'a Params,
+    pub(super) maps: &'a Maps,
+}
+
+impl Eye<'_> {
+    /// Radiance along `ray`.
+    ///
+    /// The path follows sharp lobes, and at every vertex that scatters light into them by broad lobes too it collects
+    /// direct light and caustics. When it first leaves by a broad lobe it has become a gather ray: what it now meets
+    /// is taken from the global map, through any sharp lobes on the way. At the first vertex both lobes of a smooth
+    /// interface are followed.
+    pub(super) fn radiance(
+        &self,
+        ray: Ray,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+        seen: &mut Seen,
+        rays: &mut u64,
+    ) -> Parts {
+        let mut sum = Parts::default();
+        let mut pending = None;
+        let mut next = Some(Walk {
+            ray,
+            depth: 1,
+            beta: Rgb::ONE,
+            beta_emitted: if self.params.hide_emitters { Rgb::ZERO } else { Rgb::ONE },
+            emitted_part: |parts| &mut parts.direct,
+            gathering: false,
+            through_sharp: false,
+            eta: 1.0,
+            previous: Previous { p: ray.o, pdf_w: None },
+        });
+        while let Some(walk) = next.or_else(|| pending.take()) {
+            *rays += 1;
+            let Some(s) = self.scene.hit(&walk.ray) else {
+                let light = direct::background(self.scene, &walk.ray, &walk.previous);
+                *(walk.emitted_part)(&mut sum) += walk.beta_emitted * light;
+                next = None;
+                continue;
+            };
+            if walk.depth == 1 {
+                *seen = Seen::new(&s, &walk.ray);
+            }
+            let emitted = direct::emitted(self.scene, &s, &walk.ray, &walk.previous);
+            *(walk.emitted_part)(&mut sum) += walk.beta_emitted * emitted;
+            if walk.depth >= self.params.max_segments() || walk.beta == Rgb::ZERO {
+                next = None;
+                continue;
+            }
+            let wo = s.frame.to_local(-walk.ray.d);
+            sum += self.collect(&walk, &s, wo, sampler, scratch, rays);
+            next = match s.bsdf.split(wo, Mode::Radiance) {
+                Some([a, b]) if walk.depth == 1 => {
+                    pending = self.scatter(&walk, &s, wo, &a, sampler);
+                    self.scatter(&walk, &s, wo, &b, sampler)
+                }
+                _ => s
+                    .bsdf
+                    .sample(wo, sampler.next_1d(), sampler.next_2d(), Mode::Radiance)
+                    .and_then(|sample| self.scatter(&walk, &s, wo, &sample, sampler)),
+            };
+        }
+        sum
+    }
+
+    /// Light that broad lobes send along the path from the surface where it has arrived.
+    fn collect(
+        &self,
+        walk: &Walk,
+        s: &Surface,
+        wo: Vec3,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+        rays: &mut u64,
+    ) -> Parts {
+        if !s.bsdf.has_smooth() {
+            return Parts::default();
+        }
+        let segments_left = self.params.max_segments() - walk.depth;
+        let mut here = Parts::default();
+        if walk.gathering {
+            here.indirect = self.maps.gather(s, -walk.ray.d, segments_left, scratch);
+        } else {
+            here = self.maps.seen(self.params, s, -walk.ray.d, segments_left, scratch);
+            if self.params.direct == DirectLight::Sample {
+                if let Some(lit) = direct::sample_light(self.scene, s, wo, sampler, rays) {
+                    here.direct = lit.f * lit.light;
                 }
             }
-            sum +=
-                if through_sharp { Parts { specular: here.sum(), ..Parts::default() } } else { here } * beta;
         }
+        if walk.through_sharp {
+            here = Parts { specular: here.sum(), ..Parts::default() };
+        }
+        here * walk.beta
+    }
 
-        let Some(sample) = s.bsdf.sample(wo, sampler.next_1d(), sampler.next_2d(), Mode::Radiance) else {
-            break;
+    /// The path after scattering by `sample`; `None` where it ends.
+    fn scatter(
+        &self,
+        walk: &Walk,
+        s: &Surface,
+        wo: Vec3,
+        sample: &BsdfSample,
+        sampler: &mut Sampler,
+    ) -> Option<Walk> {
+        let mut next = Walk {
+            ray: s.spawn(s.frame.to_world(sample.wi)),
+            depth: walk.depth + 1,
+            eta: walk.eta * sample.eta,
+            previous: Previous { p: s.p, pdf_w: (!sample.delta).then_some(sample.pdf_w) },
+            ..*walk
         };
         if sample.delta {
-            beta *= sample.weight;
-            beta_emitted = if gathering { Rgb::ZERO } else { beta };
-            through_sharp |= !gathering;
-            emitted_part = |parts| &mut parts.specular;
+            next.beta *= sample.weight;
+            next.beta_emitted = if walk.gathering { Rgb::ZERO } else { next.beta };
+            next.emitted_part = |parts| &mut parts.specular;
+            next.through_sharp |= !walk.gathering;
         } else {
-            let share = if gathering { Share::BroadLight } else { Share::BroadEye };
+            let share = if walk.gathering { Share::BroadLight } else { Share::BroadEye };
             let broad = match s.bsdf.has_rough() {
                 true => s.bsdf.eval(wo, sample.wi, Mode::Radiance, share) / sample.pdf_w,
                 false => sample.weight,
             };
             let sharp = (sample.weight - broad).max(Rgb::ZERO);
-            if gathering {
-                beta *= sharp;
-                beta_emitted = Rgb::ZERO;
+            if walk.gathering {
+                next.beta *= sharp;
+                next.beta_emitted = Rgb::ZERO;
             } else {
-                beta_emitted = match params.direct {
-                    DirectLight::Sample => beta * sample.weight,
+                next.beta_emitted = match self.params.direct {
+                    DirectLight::Sample => walk.beta * sample.weight,
                     DirectLight::Map | DirectLight::Off => Rgb::ZERO,
                 };
-                if !through_sharp {
-                    emitted_part = |parts| &mut parts.direct;
+                if !walk.through_sharp {
+                    next.emitted_part = |parts| &mut parts.direct;
                 }
                 // One ray serves both shares; which one it goes on for is decided by their proportion.
                 let prob = if sharp == Rgb::ZERO { 1.0 } else { luminance(broad) / luminance(sample.weight) };
                 if sampler.next_1d() < prob {
-                    gathering = true;
-                    beta *= if maps.gathers() { broad / prob } else { Rgb::ZERO };
+                    next.gathering = true;
+                    next.beta *= if self.maps.gathers() { broad / prob } else { Rgb::ZERO };
                 } else {
-                    through_sharp = true;
-                    beta *= sharp / (1.0 - prob);
+                    next.through_sharp = true;
+                    next.beta *= sharp / (1.0 - prob);
                 }
             }
         }
-        if beta.max(beta_emitted) == Rgb::ZERO {
-            break;
-        }
-        eta *= sample.eta;
-        previous = Previous { p: s.p, pdf_w: (!sample.delta).then_some(sample.pdf_w) };
-        ray = s.spawn(s.frame.to_world(sample.wi));
 
-        if depth >= params.rr_depth {
+        let largest = next.beta.max(next.beta_emitted).max_element();
+        let mut survives = largest > 0.0; // false for NaN
+        if survives && walk.depth >= self.params.rr_depth {
             // eta² undoes the scaling of radiance inside glass, which says nothing about what the path will find.
-            let survival = (beta.max(beta_emitted).max_element() * eta * eta).min(0.95);
-            // Written so that a NaN ends the path.
-            if !(sampler.next_1d() < survival) {
-                break;
-            }
-            beta /= survival;
-            beta_emitted /= survival;
+            let prob = (largest * next.eta * next.eta).min(0.95);
+            survives = sampler.next_1d() < prob;
+            next.beta /= prob;
+            next.beta_emitted /= prob;
         }
+        survives.then_some(next)
     }
-    sum
 }
 
 impl Maps {

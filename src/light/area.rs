@@ -2,7 +2,7 @@
 
 use super::{DirectSample, EmissionSample, Targets};
 use crate::math::{Discrete, Frame, Rgb, offset_origin, warp};
-use crate::shape::Shape;
+use crate::shape::{Geometry, Shape};
 use crate::texture::{Color, Texture};
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
@@ -12,11 +12,17 @@ use std::f32::consts::PI;
 pub(super) struct AreaSampler {
     area: f32,
     distribution: Discrete,
+    /// Whether no ray from the surface's front meets the shape again.
+    lights_only_others: bool,
 }
 
 impl AreaSampler {
     pub(super) fn new(shape: &Shape) -> AreaSampler {
-        AreaSampler { area: shape.area(), distribution: shape.area_distribution() }
+        AreaSampler {
+            area: shape.area(),
+            distribution: shape.area_distribution(),
+            lights_only_others: shape.is_convex_outside(),
+        }
     }
 
     /// π · area · mean radiance. The mean of a texture is taken over 2¹⁶ evenly spread surface points.
@@ -84,18 +90,20 @@ impl AreaSampler {
         visible.unwrap_or_else(|| p.distance_squared(from) / (cos * self.area))
     }
 
+    #[allow(clippy::too_many_arguments)]
     pub(super) fn emission(
         &self,
-        shape: &Shape,
+        geometry: &Geometry,
+        shape: u32,
         radiance: Color,
         textures: &[Texture],
         targets: &Targets,
         u_pos: Vec2,
         u_dir: Vec2,
     ) -> Option<EmissionSample> {
-        let point = shape.sample_area(&self.distribution, u_pos)?;
+        let point = geometry.shapes[shape as usize].sample_area(&self.distribution, u_pos)?;
         let radiance = radiance.eval(textures, point.uv);
-        let (d, flux) = match targets.from_point(point.p) {
+        let (d, flux) = match targets.aim_from(point.p, self.lights_only_others.then_some(shape)) {
             Some(aim) => {
                 let (d, pdf_w) = aim.sample(u_dir)?;
                 (d, radiance * (d.dot(point.n_g).max(0.0) * self.area / pdf_w))

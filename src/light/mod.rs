@@ -290,16 +290,11 @@ impl Lights {
     ) -> Option<EmissionSample> {
         let (i, prob, _) = self.by_power.sample(u_light)?;
         let sample = match (&self.lights[i], &self.prepared[i]) {
-            (Light::Area { shape, radiance }, Prepared::Area(sampler)) => sampler.emission(
-                &geometry.shapes[*shape as usize],
-                *radiance,
-                textures,
-                targets,
-                u_pos,
-                u_dir,
-            )?,
+            (Light::Area { shape, radiance }, Prepared::Area(sampler)) => {
+                sampler.emission(geometry, *shape, *radiance, textures, targets, u_pos, u_dir)?
+            }
             (Light::Point { position, intensity }, _) => {
-                let (d, pdf_w) = match targets.from_point(*position) {
+                let (d, pdf_w) = match targets.aim_from(*position, None) {
                     Some(aim) => aim.sample(u_dir)?,
                     None => (warp::sphere(u_dir), warp::SPHERE_PDF_W),
                 };

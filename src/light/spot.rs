@@ -150,7 +150,7 @@ impl SpotTable {
         targets: &Targets,
         u: Vec2,
     ) -> Option<EmissionSample> {
-        if let Some(aim) = targets.from_point(spot.position) {
+        if let Some(aim) = targets.aim_from(spot.position, None) {
             let (d, pdf_w) = aim.sample(u)?;
             let flux = spot.intensity(textures, (spot.to_local * d).try_normalize()?) / pdf_w;
             return (flux != Rgb::ZERO).then_some(EmissionSample { o: spot.position, d, flux, light: 0 });

@@ -13,6 +13,8 @@ use std::f32::consts::PI;
 struct Sphere {
     center: Vec3,
     radius: f32,
+    /// The shape inside, if it is a single one.
+    shape: Option<u32>,
 }
 
 /// Where photons are aimed; by default nowhere in particular.
@@ -26,27 +28,35 @@ impl Targets {
     /// More spheres cost more per photon than they save.
     const MAX: usize = 32;
 
-    /// Spheres around `boxes`, of which neighbours share a sphere if there are many.
-    pub fn new(mut boxes: Vec<Bounds>) -> Targets {
-        boxes.retain(|b| !b.is_empty() && b.radius().is_finite());
+    /// Spheres around the shapes with the given indices and bounds. Neighbours share a sphere if there are many, or if
+    /// that makes the total cross-section smaller.
+    pub fn new(shapes: impl Iterator<Item = (u32, Bounds)>) -> Targets {
+        let boxes = shapes.filter(|(_, b)| !b.is_empty() && b.radius().is_finite());
+        let mut boxes: Vec<Group> = boxes.map(|(i, b)| (Some(i), b)).collect();
         let mut groups = Vec::new();
         group(&mut boxes, Self::MAX, &mut groups);
+        while let Some((i, j)) = best_merger(&groups) {
+            let other = groups.swap_remove(j);
+            groups[i] = merged(&groups[i], &other);
+        }
         let spheres: Vec<Sphere> = groups
             .iter()
-            .map(|b| {
+            .map(|&(shape, b)| {
                 // A margin for what rounding does to positions and directions at the rim.
                 let rounding = 16.0 * f32::EPSILON * b.min.abs().max(b.max.abs()).max_element();
-                Sphere { center: b.center(), radius: b.radius() * 1.001 + rounding }
+                Sphere { center: b.center(), radius: b.radius() * 1.001 + rounding, shape }
             })
             .collect();
         let by_cross_section = Discrete::new(spheres.iter().map(|s| s.radius * s.radius));
         Targets { spheres, by_cross_section }
     }
 
-    /// Aims from `p`, or `None` if the spheres fill so much of the view that there is nothing to gain.
-    pub(super) fn from_point(&self, p: Vec3) -> Option<Aim<'_>> {
-        let solid_angle: f32 = self.spheres.iter().map(|s| s.solid_angle(p)).sum();
-        (solid_angle > 0.0 && solid_angle < PI).then_some(Aim { targets: self, p, solid_angle })
+    /// Aims from `p`, a point on the shape `own` if that cannot light itself; `None` if the spheres fill so much of the
+    /// view that there is nothing to gain.
+    pub(super) fn aim_from(&self, p: Vec3, own: Option<u32>) -> Option<Aim<'_>> {
+        let aim = Aim { targets: self, p, own, solid_angle: 0.0 };
+        let solid_angle: f32 = aim.spheres().map(|s| s.solid_angle(p)).sum();
+        (solid_angle > 0.0 && solid_angle < PI).then_some(Aim { solid_angle, ..aim })
     }
 
     /// A point on the plane through the origin across the unit vector `d`, so that the line through it along `d` meets
@@ -88,16 +98,21 @@ impl Sphere {
 pub(super) struct Aim<'a> {
     targets: &'a Targets,
     p: Vec3,
+    own: Option<u32>,
     solid_angle: f32,
 }
 
-impl Aim<'_> {
+impl<'a> Aim<'a> {
+    fn spheres(&self) -> impl Iterator<Item = &'a Sphere> + use<'a> {
+        let own = self.own;
+        self.targets.spheres.iter().filter(move |s| own.is_none() || s.shape != own)
+    }
+
     /// A direction towards a sphere, and its pdf_w.
     pub(super) fn sample(&self, u: Vec2) -> Option<(Vec3, f32)> {
-        let spheres = &self.targets.spheres;
         let mut rest = u.x * self.solid_angle;
         let mut chosen = None;
-        for sphere in spheres {
+        for sphere in self.spheres() {
             let solid_angle = sphere.solid_angle(self.p);
             if solid_angle > 0.0 {
                 chosen = Some((sphere, (rest / solid_angle).clamp(0.0, 1.0 - 0.5 * f32::EPSILON)));
@@ -122,26 +137,47 @@ impl Aim<'_> {
             to.dot(d) > 0.0 && across <= s.radius * s.radius
         };
         // The direction was sampled towards one of them, whatever rounding says.
-        self.targets.spheres.iter().filter(holds).count().max(1) as f32 / self.solid_angle
+        self.spheres().filter(holds).count().max(1) as f32 / self.solid_angle
     }
+}
+
+/// A box, and the shape if it holds a single one.
+type Group = (Option<u32>, Bounds);
+
+fn merged(a: &Group, b: &Group) -> Group {
+    (None, a.1.union(b.1))
+}
+
+/// The two groups whose merger makes the total cross-section smallest, if it makes it smaller.
+fn best_merger(groups: &[Group]) -> Option<(usize, usize)> {
+    let cross_section = |group: &Group| group.1.radius().powi(2);
+    let pairs = (0..groups.len()).flat_map(|j| (0..j).map(move |i| (i, j)));
+    pairs
+        .map(|(i, j)| {
+            let (a, b) = (&groups[i], &groups[j]);
+            (cross_section(a) + cross_section(b) - cross_section(&merged(a, b)), (i, j))
+        })
+        .filter(|&(gain, _)| gain > 0.0)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, pair)| pair)
 }
 
 /// Halves the boxes at the middle of the widest spread of centres until `max` groups are left; each becomes the box
 /// around it.
-fn group(boxes: &mut [Bounds], max: usize, out: &mut Vec<Bounds>) {
+fn group(boxes: &mut [Group], max: usize, out: &mut Vec<Group>) {
     if boxes.len() <= max {
         out.extend_from_slice(boxes);
         return;
     }
     if max == 1 {
-        out.push(boxes.iter().fold(Bounds::EMPTY, |a, &b| a.union(b)));
+        out.extend(boxes.iter().copied().reduce(|a, b| merged(&a, &b)));
         return;
     }
-    let centers = boxes.iter().fold(Bounds::EMPTY, |a, b| a.grow(b.center()));
+    let centers = boxes.iter().fold(Bounds::EMPTY, |a, b| a.grow(b.1.center()));
     let extent = centers.max - centers.min;
     let axis = (0..3).max_by(|&a, &b| extent[a].total_cmp(&extent[b])).unwrap_or(0);
     let middle = boxes.len() / 2;
-    boxes.select_nth_unstable_by(middle, |a, b| a.center()[axis].total_cmp(&b.center()[axis]));
+    boxes.select_nth_unstable_by(middle, |a, b| a.1.center()[axis].total_cmp(&b.1.center()[axis]));
     let (low, high) = boxes.split_at_mut(middle);
     group(low, max / 2, out);
     group(high, max - max / 2, out);
@@ -156,16 +192,20 @@ mod tests {
         Bounds { min: center - half, max: center + half }
     }
 
+    fn targets(boxes: Vec<Bounds>) -> Targets {
+        Targets::new(boxes.into_iter().enumerate().map(|(i, b)| (i as u32, b)))
+    }
+
     /// ∫ over the union of the spheres' cones of 1 dω, by sampling and by brute force over all directions.
     #[test]
     fn directions_cover_the_union_with_the_stated_pdf() {
-        let targets = Targets::new(vec![
+        let targets = targets(vec![
             cube(Vec3::new(3.0, 0.0, 0.0), 0.3),
-            cube(Vec3::new(4.0, 0.3, 0.0), 0.4),
+            cube(Vec3::new(4.5, 0.4, 0.0), 0.4),
             cube(Vec3::new(0.0, -9.0, 1.0), 0.5),
         ]);
         let p = Vec3::new(0.1, 0.2, 0.3);
-        let aim = targets.from_point(p).unwrap();
+        let aim = targets.aim_from(p, None).unwrap();
         let inside = |d: Vec3| {
             let hit = |s: &Sphere| {
                 let to = s.center - p;
@@ -186,7 +226,7 @@ mod tests {
 
     #[test]
     fn lines_cover_the_union_with_the_stated_pdf() {
-        let targets = Targets::new(vec![cube(Vec3::ZERO, 0.5), cube(Vec3::new(0.4, 0.3, 5.0), 0.5)]);
+        let targets = targets(vec![cube(Vec3::ZERO, 0.5), cube(Vec3::new(0.4, 0.3, 5.0), 0.5)]);
         let d = Vec3::new(0.1, 0.2, 0.97).normalize();
         let n = 1 << 16;
         let frame = Frame::from_normal(d);
@@ -208,11 +248,11 @@ mod tests {
     #[test]
     fn many_boxes_share_spheres() {
         let boxes: Vec<Bounds> = (0..1000).map(|i| cube(Vec3::new(i as f32, 0.0, 0.0), 0.1)).collect();
-        let targets = Targets::new(boxes.clone());
-        assert_eq!(targets.spheres.len(), Targets::MAX);
+        let targets = targets(boxes.clone());
+        assert!(targets.spheres.len() <= Targets::MAX);
         for b in boxes {
             assert!(targets.spheres.iter().any(|s| s.center.distance(b.center()) <= s.radius));
         }
-        assert!(Targets::new(vec![]).from_point(Vec3::ZERO).is_none());
+        assert!(super::Targets::default().aim_from(Vec3::ZERO, None).is_none());
     }
 }

@@ -2,7 +2,6 @@
 
 use super::Photon;
 use crate::bsdf::{Mode, Share};
-use crate::light::Targets;
 use crate::math::{Rgb, Sampler, Stream};
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
@@ -74,7 +73,7 @@ fn trace_one(
     out: &mut Traced,
 ) {
     let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
-    let targets = if store == Store::Caustic { &scene.casters } else { &Targets::default() };
+    let targets = if store == Store::Caustic { &scene.casters } else { &scene.targets };
     let (geometry, textures) = (&scene.geometry, &scene.textures);
     let emitted = scene.lights.sample_emission(geometry, textures, targets, u_light, u_pos, u_dir);
     let Some(start) = emitted else { return };
@@ -124,8 +123,8 @@ fn trace_one(
         if depth >= 32 {
             survival = survival.min(0.95); // light trapped by total reflection
         }
-        // Written so that a NaN ends the path.
-        if !(u_rr < survival) {
+        let survives = u_rr < survival; // false for NaN
+        if !survives {
             return;
         }
         flux /= survival;

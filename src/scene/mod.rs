@@ -83,6 +83,8 @@ pub struct Scene {
     pub film: FilmSettings,
     /// Bounds of all shapes.
     pub bounds: Bounds,
+    /// Everything, for aiming photons.
+    pub targets: Targets,
     /// Everything that has sharp lobes, for aiming caustic photons.
     pub casters: Targets,
     shape_material: Vec<u32>,
@@ -141,9 +143,10 @@ impl Scene {
         if d.shape_material.len() != d.geometry.shapes.len() {
             return Err(Error::Runtime("every shape needs a material".into()));
         }
-        let casters = d.geometry.shapes.iter().zip(&d.shape_material);
-        let casters = casters.filter(|&(_, &material)| d.materials[material as usize].lobes().sharp);
-        let casters = Targets::new(casters.map(|(shape, _)| shape.bounds()).collect());
+        let boxes: Vec<_> = (0..).zip(d.geometry.shapes.iter().map(|shape| shape.bounds())).collect();
+        let targets = Targets::new(boxes.iter().copied());
+        let sharp = |shape: u32| d.materials[d.shape_material[shape as usize] as usize].lobes().sharp;
+        let casters = Targets::new(boxes.iter().copied().filter(|&(shape, _)| sharp(shape)));
         let intersector = accel::build(backend, &d.geometry)?;
         Ok(Scene {
             geometry: d.geometry,
@@ -153,6 +156,7 @@ impl Scene {
             camera: d.camera,
             film: d.film,
             bounds,
+            targets,
             casters,
             shape_material: d.shape_material,
             shape_light,

@@ -85,6 +85,15 @@ impl Mesh {
         cross(self.vertices(triangle)).as_vec3()
     }
 
+    /// Whether all triangles lie in one plane, exactly.
+    pub fn is_flat(&self) -> bool {
+        let normals = (0..self.triangles.len() as u32).map(|t| self.area_vector(t));
+        let Some(n) = normals.clone().find(|n| *n != Vec3::ZERO) else { return false };
+        let origin = self.vertices(0)[0];
+        let used = self.triangles.iter().flatten().map(|&i| self.positions[i as usize]);
+        used.map(|p| n.dot(p - origin)).all(|h| h == 0.0) && normals.into_iter().all(|m| n.dot(m) >= 0.0)
+    }
+
     /// Sum of the triangles' areas.
     pub fn area(&self) -> f32 {
         (0..self.triangles.len() as u32).map(|t| 0.5 * cross(self.vertices(t)).length()).sum::<f64>() as f32

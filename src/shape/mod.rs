@@ -159,6 +159,16 @@ impl Shape {
         }
     }
 
+    /// Whether rays that leave the front of the surface never meet it again: convex seen from outside, or flat.
+    pub fn is_convex_outside(&self) -> bool {
+        match self {
+            Shape::Mesh(m) => m.is_flat(),
+            Shape::Sphere(s) => !s.flipped,
+            Shape::Disk(_) => true,
+            Shape::Cylinder(c) => !c.flipped,
+        }
+    }
+
     /// Surface area.
     pub fn area(&self) -> f32 {
         match self {

@@ -10,12 +10,12 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 /// A scene of this project.
-pub fn own_scene(name: &str) -> PathBuf {
+pub(crate) fn own_scene(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
 }
 
 /// A file beside the project's folder; `None`, with a message, where it is absent.
-pub fn shared(path: &str) -> Option<PathBuf> {
+pub(crate) fn shared(path: &str) -> Option<PathBuf> {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(path);
     if file.exists() {
         return Some(file);
@@ -25,13 +25,13 @@ pub fn shared(path: &str) -> Option<PathBuf> {
 }
 
 /// The scene in `file`, rendered at `size` by `backend`.
-pub fn load(file: &Path, size: u32, backend: Backend) -> Scene {
+pub(crate) fn load(file: &Path, size: u32, backend: Backend) -> Scene {
     let description = scene::load(file, &[], Some((size, size))).unwrap();
     Scene::new(description, backend).unwrap()
 }
 
 /// The scene in the text `xml`.
-pub fn parse(xml: &str, size: u32, backend: Backend) -> Scene {
+pub(crate) fn parse(xml: &str, size: u32, backend: Backend) -> Scene {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("scene.xml");
     std::fs::write(&file, xml).unwrap();
@@ -39,7 +39,7 @@ pub fn parse(xml: &str, size: u32, backend: Backend) -> Scene {
 }
 
 /// Parameters from `NAME=VALUE`.
-pub fn params(settings: &[&str]) -> Params {
+pub(crate) fn params(settings: &[&str]) -> Params {
     let mut params = Params::default();
     for setting in settings {
         let (name, value) = setting.split_once('=').unwrap();
@@ -49,31 +49,31 @@ pub fn params(settings: &[&str]) -> Params {
 }
 
 /// Renders `passes` passes with seed 1.
-pub fn render(scene: &Scene, integrator: Kind, settings: &[&str], passes: u32) -> Rendering {
+pub(crate) fn render(scene: &Scene, integrator: Kind, settings: &[&str], passes: u32) -> Rendering {
     let options =
         Options { integrator, params: params(settings), seed: 1, budget: Budget::Passes(passes), aovs: true };
     integrator::render(scene, &options, &mut |_| ControlFlow::Continue(())).unwrap()
 }
 
 /// Mean of each channel.
-pub fn mean(image: &Image) -> Rgb {
+pub(crate) fn mean(image: &Image) -> Rgb {
     let sum: glam::DVec3 = image.pixels.iter().map(|p| p.as_dvec3()).sum();
     (sum / image.pixels.len() as f64).as_vec3()
 }
 
 /// A part or auxiliary layer.
-pub fn layer<'a>(rendering: &'a Rendering, name: &str) -> &'a Image {
+pub(crate) fn layer<'a>(rendering: &'a Rendering, name: &str) -> &'a Image {
     &rendering.layers.iter().find(|(n, _)| *n == name).unwrap().1
 }
 
 /// Every backend of this build.
-pub fn backends() -> impl Iterator<Item = Backend> {
+pub(crate) fn backends() -> impl Iterator<Item = Backend> {
     accel::available().iter().copied()
 }
 
 /// Asserts that all channels agree within the relative tolerance.
 #[track_caller]
-pub fn assert_close(a: Rgb, b: Rgb, relative: f32, what: &str) {
+pub(crate) fn assert_close(a: Rgb, b: Rgb, relative: f32, what: &str) {
     let error = ((a - b) / b.max(Rgb::splat(1e-6))).abs().max_element();
     assert!(error < relative, "{what}: {a} and {b} differ by {:.2} %", 100.0 * error);
 }

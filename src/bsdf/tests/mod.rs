@@ -403,3 +403,29 @@ fn albedo_is_what_samples_average_to() {
         assert!(error < tolerance, "{name}: {} {}", bsdf.albedo(), sum / 8192.0);
     }
 }
+
+#[test]
+fn split_lobes_are_the_sampled_ones_weighted_by_their_probability() {
+    let glass = Bsdf::dielectric(1.5, Rgb::splat(0.9), Rgb::splat(0.8));
+    let sheet = Bsdf::thin_dielectric(1.5, Rgb::splat(0.9), Rgb::splat(0.8));
+    for bsdf in [glass, sheet] {
+        for wo in [Vec3::new(0.6, 0.0, 0.8), Vec3::new(0.1, 0.2, -0.9).normalize()] {
+            let lobes = bsdf.split(wo, Mode::Radiance).unwrap();
+            let n = 10_000;
+            let mut mean = [Rgb::ZERO; 2];
+            for i in 0..n {
+                let sample =
+                    bsdf.sample(wo, (i as f32 + 0.5) / n as f32, Vec2::ZERO, Mode::Radiance).unwrap();
+                let k = lobes.iter().position(|lobe| lobe.wi == sample.wi).unwrap();
+                mean[k] += sample.weight / n as f32;
+            }
+            for (lobe, mean) in lobes.iter().zip(mean) {
+                assert!((lobe.weight - mean).abs().max_element() < 2e-4, "{} {mean}", lobe.weight);
+            }
+        }
+        assert!(bsdf.masked(0.5).split(Vec3::Z, Mode::Radiance).is_none());
+    }
+    // Total reflection leaves one lobe.
+    assert!(glass.split(Vec3::new(0.9, 0.0, -0.19f32.sqrt()), Mode::Radiance).is_none());
+    assert!(Bsdf::diffuse(Rgb::ONE).split(Vec3::Z, Mode::Radiance).is_none());
+}
