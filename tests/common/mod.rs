@@ -1,5 +1,5 @@
 //! What the image tests share.
-#![allow(dead_code)] // each test binary uses a part
+#![allow(dead_code, unreachable_pub)] // each test binary uses a part
 
 use caustica::accel::{self, Backend};
 use caustica::image_io::Image;

@@ -75,7 +75,7 @@ impl<'a> Loader<'a> {
         }
         let material = match material {
             Some(bsdf) => self.material(bsdf)?,
-            None => self.default_material(),
+            None => self.default_material(light.is_some()),
         };
         if let Some(emitter) = light {
             let radiance = self.area_radiance(emitter)?;
@@ -89,12 +89,13 @@ impl<'a> Loader<'a> {
         Ok(())
     }
 
-    /// Mitsuba's grey diffuse default, made once.
-    fn default_material(&mut self) -> u32 {
-        // No object has this index.
-        *self.material_of.entry(usize::MAX).or_insert_with(|| {
-            self.materials
-                .push(Material::Diffuse { reflectance: Color::Constant(crate::math::Rgb::splat(0.5)) });
+    /// Mitsuba's diffuse default, made once: black for what emits, grey for the rest.
+    fn default_material(&mut self, emits: bool) -> u32 {
+        // No object has these indices.
+        let (key, albedo) = if emits { (usize::MAX - 1, 0.0) } else { (usize::MAX, 0.5) };
+        *self.material_of.entry(key).or_insert_with(|| {
+            let reflectance = Color::Constant(crate::math::Rgb::splat(albedo));
+            self.materials.push(Material::Diffuse { reflectance });
             self.materials.len() as u32 - 1
         })
     }

@@ -229,6 +229,10 @@ fn materials() {
     assert!(matches!(*nested, Material::TwoSided { back: Some(_), .. }));
     let grey = Color::Constant(Rgb::splat(0.5));
     assert!(matches!(material(""), Material::Diffuse { reflectance } if reflectance == grey));
+    // As in Mitsuba, a lamp that is not told otherwise reflects nothing.
+    let black = Color::Constant(Rgb::ZERO);
+    let lamp = material("<emitter type='area'/>");
+    assert!(matches!(lamp, Material::Diffuse { reflectance } if reflectance == black));
 }
 
 #[test]
