@@ -1,7 +1,8 @@
 //! Direct light at a surface, by light sampling and BSDF sampling combined by multiple importance sampling (Veach &
 //! Guibas 1995, power heuristic).
 
-use crate::bsdf::{Mode, Share};
+use super::Params;
+use crate::bsdf::{BsdfSample, Mode, Share};
 use crate::math::{Ray, Rgb, Sampler};
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
@@ -65,6 +66,24 @@ pub(super) struct Previous {
     pub(super) pdf_w: Option<f32>,
 }
 
+/// What a camera ray meets first. With `hide_emitters`, lamps are not there at all, as in Mitsuba: what is behind them
+/// shows. `rays` counts what is traced beyond the first ray.
+pub(super) fn first_hit<'a>(
+    scene: &'a Scene,
+    params: &Params,
+    mut ray: Ray,
+    rays: &mut u64,
+) -> Option<Surface<'a>> {
+    loop {
+        let s = scene.hit(&ray)?;
+        if s.light.is_none() || !params.hide_emitters {
+            return Some(s);
+        }
+        *rays += 1;
+        ray = Ray { t_max: ray.t_max - (s.p - ray.o).length(), ..s.spawn(ray.d) };
+    }
+}
+
 /// Radiance that `s` emits back along `ray`, weighted against light sampling at the previous vertex.
 pub(super) fn emitted(scene: &Scene, s: &Surface, ray: &Ray, previous: &Previous) -> Rgb {
     let Some(light) = s.light else { return Rgb::ZERO };
@@ -83,6 +102,11 @@ pub(super) fn background(scene: &Scene, ray: &Ray, previous: &Previous) -> Rgb {
     let Some(pdf_w) = previous.pdf_w else { return scene.lights.background(ray.d) };
     let (radiance, other) = scene.lights.background_with_pdf_w(ray.d);
     radiance * power_heuristic(pdf_w, other)
+}
+
+/// Whether `sample` goes on as if nothing were there: hidden distant lights stay hidden behind holes and thin sheets.
+pub(super) fn goes_straight(sample: &BsdfSample, wo: Vec3) -> bool {
+    sample.delta && sample.wi == -wo
 }
 
 #[cfg(test)]

@@ -41,7 +41,7 @@ pub struct Params {
     pub max_depth: i32,
     /// `rr_depth`: path length from which Russian roulette may end a path (5).
     pub rr_depth: u32,
-    /// `hide_emitters`: lights are not seen directly (false).
+    /// `hide_emitters`: lights are not seen directly, but what is behind them (false).
     pub hide_emitters: bool,
 }
 

@@ -69,13 +69,14 @@ pub(super) fn radiance(
     let mut eta = 1.0;
     let mut previous = Previous { p: ray.o, pdf_w: None };
     let mut first_delta = false;
+    let mut straight = true;
     let max_depth = params.max_segments();
     for depth in 1..=max_depth {
         *rays += 1;
         let bounces = depth - 1;
-        let visible = bounces > 0 || !params.hide_emitters;
-        let Some(s) = scene.hit(&ray) else {
-            if visible {
+        let hit = if depth == 1 { direct::first_hit(scene, params, ray, rays) } else { scene.hit(&ray) };
+        let Some(s) = hit else {
+            if !(straight && params.hide_emitters) {
                 sum += beta.parts(direct::background(scene, &ray, &previous), bounces, first_delta);
             }
             break;
@@ -83,9 +84,7 @@ pub(super) fn radiance(
         if depth == 1 {
             *seen = Seen::new(&s, &ray);
         }
-        if visible {
-            sum += beta.parts(direct::emitted(scene, &s, &ray, &previous), bounces, first_delta);
-        }
+        sum += beta.parts(direct::emitted(scene, &s, &ray, &previous), bounces, first_delta);
         if depth == max_depth {
             break;
         }
@@ -123,6 +122,7 @@ pub(super) fn radiance(
                 broad(sample.wi, Share::BroadEye, full) * scale,
             )
         };
+        straight &= direct::goes_straight(&sample, wo);
         eta *= sample.eta;
         previous = Previous { p: s.p, pdf_w: (!sample.delta).then_some(sample.pdf_w) };
         ray = s.spawn(s.frame.to_world(sample.wi));

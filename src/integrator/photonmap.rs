@@ -119,6 +119,8 @@ struct Walk {
     gathering: bool,
     /// Whether the first vertex has scattered by a sharp lobe.
     through_sharp: bool,
+    /// Whether the path has only passed what does not bend it.
+    straight: bool,
     /// Product of the relative indices of refraction.
     eta: f32,
     previous: Previous,
@@ -152,18 +154,25 @@ impl Eye<'_> {
             ray,
             depth: 1,
             beta: Rgb::ONE,
-            beta_emitted: if self.params.hide_emitters { Rgb::ZERO } else { Rgb::ONE },
+            beta_emitted: Rgb::ONE,
             emitted_part: |parts| &mut parts.direct,
             gathering: false,
             through_sharp: false,
+            straight: true,
             eta: 1.0,
             previous: Previous { p: ray.o, pdf_w: None },
         });
         while let Some(walk) = next.or_else(|| pending.take()) {
             *rays += 1;
-            let Some(s) = self.scene.hit(&walk.ray) else {
-                let light = direct::background(self.scene, &walk.ray, &walk.previous);
-                *(walk.emitted_part)(&mut sum) += walk.beta_emitted * light;
+            let hit = match walk.depth {
+                1 => direct::first_hit(self.scene, self.params, walk.ray, rays),
+                _ => self.scene.hit(&walk.ray),
+            };
+            let Some(s) = hit else {
+                if !(walk.straight && self.params.hide_emitters) {
+                    let light = direct::background(self.scene, &walk.ray, &walk.previous);
+                    *(walk.emitted_part)(&mut sum) += walk.beta_emitted * light;
+                }
                 next = None;
                 continue;
             };
@@ -235,6 +244,7 @@ impl Eye<'_> {
         let mut next = Walk {
             ray: s.spawn(s.frame.to_world(sample.wi)),
             depth: walk.depth + 1,
+            straight: walk.straight && direct::goes_straight(sample, wo),
             eta: walk.eta * sample.eta,
             previous: Previous { p: s.p, pdf_w: (!sample.delta).then_some(sample.pdf_w) },
             ..*walk
