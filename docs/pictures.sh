@@ -18,11 +18,11 @@ target/release/caustica photons scenes/cornell-spheres.xml --size 256x256 -q -o 
 render indirect-10k cornell-spheres --passes 1 --set final_gather=false --set direct=off \
     --set global_photons=10000 --set global_k=500 --set global_radius=0.5
 
-# One pass of photons, and what a minute's worth of passes converges to.
+# One pass of photons, and what more passes converge to.
 render ring-50k ring --passes 1 --set caustic_photons=50000 --set caustic_k=50
-render ring ring --passes 256
+render ring ring --passes 64
 render glossy-340k glossy-caustic --passes 1 --set caustic_photons=340000 --set caustic_k=100
-render glossy glossy-caustic --passes 256
-render environment env-caustic --passes 256 --exposure -0.7
-render cornell-spheres cornell-spheres --passes 256
-render pool pool --passes 256 --exposure 1
+render glossy glossy-caustic --passes 64
+render environment env-caustic --passes 64 --exposure -0.7
+render cornell-spheres cornell-spheres --passes 64
+render pool pool --passes 64 --exposure 1
