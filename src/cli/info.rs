@@ -3,7 +3,6 @@
 use super::args::InfoArgs;
 use super::console;
 use super::prepare::{Prepared, prepare, with_threads};
-use super::render::integrator_name;
 use caustica::integrator::{self, Budget};
 use caustica::shape::Shape;
 use caustica::{Result, accel};
@@ -86,7 +85,7 @@ pub(super) fn print_plan(prepared: &Prepared, mut line: impl FnMut(&str)) {
         Budget::Time(t) => format!("{:.1} s", t.as_secs_f64()),
         Budget::Error(e) => format!("until the relative error is {e}"),
     };
-    line(&format!("plan: {}, {budget}", integrator_name(options.integrator)));
+    line(&format!("plan: {}, {budget}", options.integrator.name()));
     for skipped in integrator::plan(&prepared.scene, options) {
         line(&format!("  no {}: {}", skipped.stage, skipped.reason));
     }

@@ -4,7 +4,7 @@ use super::args::{RenderArgs, Verbosity};
 use super::prepare::{Prepared, prepare, with_threads};
 use super::{INTERRUPTED, info};
 use caustica::image_io::{self, Layer, Metadata, SampleType};
-use caustica::integrator::{self, Budget, Kind, PhotonCounts, Progress, RenderStats, Rendering, Skipped};
+use caustica::integrator::{self, Budget, PhotonCounts, Progress, RenderStats, Rendering, Skipped};
 use caustica::{Error, Result};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
@@ -158,20 +158,13 @@ fn write(
     let attributes = [
         ("software", format!("caustica {}", env!("CARGO_PKG_VERSION"))),
         ("scene", args.scene.display().to_string()),
-        ("integrator", integrator_name(prepared.options.integrator).into()),
+        ("integrator", prepared.options.integrator.name().into()),
         ("seed", prepared.options.seed.to_string()),
         ("passes", rendering.stats.passes.to_string()),
         ("command", command.join(" ")),
     ];
     let metadata = Metadata { attributes: attributes.map(|(k, v)| (k.into(), v)).into() };
     image_io::write_exr(output, &layers, &metadata, samples)
-}
-
-pub(super) fn integrator_name(kind: Kind) -> &'static str {
-    match kind {
-        Kind::Photonmap => "photonmap",
-        Kind::Path => "path",
-    }
 }
 
 /// What `--stats` writes. Keys are a contract: they may be added, never renamed.
@@ -222,7 +215,7 @@ impl<'a> Stats<'a> {
         Stats {
             version: env!("CARGO_PKG_VERSION"),
             scene: args.scene.display().to_string(),
-            integrator: integrator_name(prepared.options.integrator),
+            integrator: prepared.options.integrator.name(),
             backend: prepared.backend.name(),
             threads: rayon::current_num_threads(),
             seed: prepared.options.seed,

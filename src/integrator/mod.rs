@@ -32,6 +32,16 @@ pub enum Kind {
     Path,
 }
 
+impl Kind {
+    /// The name on the command line and in scenes.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Photonmap => "photonmap",
+            Kind::Path => "path",
+        }
+    }
+}
+
 /// When to stop. The first pass is always finished.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Budget {

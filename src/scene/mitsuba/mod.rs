@@ -37,6 +37,8 @@ struct Loader<'a> {
     /// By object and how it is used.
     texture_of: HashMap<(usize, textures::Use), u32>,
     lights: Vec<Light>,
+    /// Shapes that are lights, and the light.
+    emitters: Vec<(u32, Props<'a>)>,
     jobs: Vec<shapes::Job>,
     shape_material: Vec<u32>,
     warnings: Vec<String>,
@@ -57,6 +59,7 @@ pub(super) fn load(
         textures: Vec::new(),
         texture_of: HashMap::new(),
         lights: Vec::new(),
+        emitters: Vec::new(),
         jobs: Vec::new(),
         shape_material: Vec::new(),
         warnings: tree.warnings.clone(),
@@ -94,6 +97,12 @@ pub(super) fn load(
     };
     let (integrator, integrator_params) = integrator.unwrap_or_default();
     let shapes = shapes::build(loader.jobs)?;
+    for (shape, emitter) in loader.emitters {
+        let area = shapes[shape as usize].area();
+        if area.is_nan() || area <= 0.0 {
+            return Err(emitter.error("this light's shape has no area, so it cannot shine: remove the light"));
+        }
+    }
     Ok(SceneDescription {
         geometry: Geometry { shapes },
         shape_material: loader.shape_material,

@@ -80,6 +80,7 @@ impl<'a> Loader<'a> {
         if let Some(emitter) = light {
             let radiance = self.area_radiance(emitter)?;
             self.lights.push(Light::Area { shape: index, radiance });
+            self.emitters.push((index, emitter));
         }
         // How Mitsuba differentiates silhouettes.
         props.opt_float("silhouette_sampling_weight")?;

@@ -479,3 +479,17 @@ fn whole_scenes_load() {
     }
     println!("{count} scenes");
 }
+
+#[test]
+fn a_light_without_area_is_a_mistake() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("needle.obj"), "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n").unwrap();
+    let scene = dir.path().join("scene.xml");
+    let text = "<scene version='3.0.0'><sensor type='perspective'/>\n<shape type='obj'>\
+                <string name='filename' value='needle.obj'/><emitter type='area'/></shape></scene>";
+    std::fs::write(&scene, text).unwrap();
+    match load(&scene, &[], None) {
+        Err(Error::Scene { line: 2, message, .. }) => assert!(message.contains("no area"), "{message}"),
+        other => panic!("{:?}", other.map(|_| ())),
+    }
+}
