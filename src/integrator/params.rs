@@ -21,7 +21,7 @@ pub struct Params {
     pub global_photons: u64,
     /// `caustic_photons`: photon paths emitted per pass for the caustic map; 0 chooses by the number of pixels.
     pub caustic_photons: u64,
-    /// `global_k`: photons in an estimate from the global map (50).
+    /// `global_k`: photons in an estimate from the global map (32).
     pub global_k: u32,
     /// `caustic_k`: photons in an estimate from the caustic map (50).
     pub caustic_k: u32,
@@ -50,7 +50,7 @@ impl Default for Params {
         Params {
             global_photons: 0,
             caustic_photons: 0,
-            global_k: 50,
+            global_k: 32,
             caustic_k: 50,
             global_radius: 0.1,
             caustic_radius: 0.05,

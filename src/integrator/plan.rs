@@ -20,11 +20,14 @@ impl Plan {
     pub(super) fn new(scene: &Scene, options: &Options) -> Plan {
         let params = &options.params;
         let pixels = scene.film.crop.2 as u64 * scene.film.crop.3 as u64;
-        // Photons are cheaper than camera samples and shared by all pixels: a few for each.
-        let auto = |n: u64| if n == 0 { (4 * pixels).clamp(50_000, 2_000_000) } else { n };
+        // In proportion to the camera's work, which is about as long per pixel as a photon path or two.
+        let auto = |n: u64, per_pixel: u64| match n {
+            0 => (per_pixel * pixels).clamp(per_pixel * 16_384, 2_000_000),
+            n => n,
+        };
         let mut plan = Plan {
-            global_photons: auto(params.global_photons),
-            caustic_photons: auto(params.caustic_photons),
+            global_photons: auto(params.global_photons, 1),
+            caustic_photons: auto(params.caustic_photons, 2),
             radius: scene.bounds.radius(),
             skipped: Vec::new(),
         };

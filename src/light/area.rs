@@ -7,6 +7,11 @@ use crate::texture::{Color, Texture};
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 
+/// Whether a surface point with these geometric and shading normals emits towards `wo`.
+pub(super) fn emits([n_g, n_s]: [Vec3; 2], wo: Vec3) -> bool {
+    wo.dot(n_g) > 0.0 && wo.dot(n_s) > 0.0
+}
+
 /// What sampling an area light needs besides its shape.
 #[derive(Clone, Debug)]
 pub(super) struct AreaSampler {
@@ -68,7 +73,7 @@ impl AreaSampler {
         let pdf_w = self.pdf_w(shape, p, wi, point.p, point.n_g);
         let weight = radiance.eval(textures, point.uv) / pdf_w;
         // Seen from behind, or edge-on, nothing arrives.
-        (pdf_w > 0.0 && weight.is_finite()).then(|| DirectSample {
+        (emits([point.n_g, point.n_s], -wi) && weight.is_finite()).then(|| DirectSample {
             wi,
             target: Some(offset_origin(point.p, point.n_g, -wi, point.magnitude)),
             weight,
@@ -113,7 +118,7 @@ impl AreaSampler {
                 (d, radiance * (PI * self.area))
             }
         };
-        (flux != Rgb::ZERO).then(|| EmissionSample {
+        (flux != Rgb::ZERO && emits([point.n_g, point.n_s], d)).then(|| EmissionSample {
             o: offset_origin(point.p, point.n_g, d, point.magnitude),
             d,
             flux,

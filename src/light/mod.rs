@@ -170,7 +170,8 @@ impl Lights {
     }
 
     /// Analytic power of light `i`, W per channel; a distant light's is what it sends through the scene's bounding
-    /// sphere. For textured area lights and spotlights it is integrated numerically; photons carry the exact flux.
+    /// sphere. For textured area lights and spotlights it is integrated numerically, and for smooth
+    /// meshes an upper bound; photons carry the exact flux.
     pub fn power(&self, i: u32) -> Rgb {
         self.power[i as usize]
     }
@@ -224,10 +225,11 @@ impl Lights {
         })
     }
 
-    /// Radiance that area light `light` emits at a surface point with geometric normal `n_g` towards `wo`.
-    pub fn emitted(&self, light: u32, textures: &[Texture], uv: Vec2, n_g: Vec3, wo: Vec3) -> Rgb {
+    /// Radiance that area light `light` emits at a surface point towards `wo`. `normals` are the geometric
+    /// and the shading normal there: as in Mitsuba a smooth mesh emits above its smooth horizon.
+    pub fn emitted(&self, light: u32, textures: &[Texture], uv: Vec2, normals: [Vec3; 2], wo: Vec3) -> Rgb {
         match &self.lights[light as usize] {
-            Light::Area { radiance, .. } if wo.dot(n_g) > 0.0 => radiance.eval(textures, uv),
+            Light::Area { radiance, .. } if area::emits(normals, wo) => radiance.eval(textures, uv),
             _ => Rgb::ZERO,
         }
     }

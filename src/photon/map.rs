@@ -30,15 +30,15 @@ struct Record {
     depth: u8,
 }
 
-/// What a mantissa counts: 2^(e − 128 − 15).
+/// 2^(e − 127 − 15) as a factor of mantissas.
 fn exponent_factor(e: u8) -> f32 {
-    f32::from_bits((e as u32 - 1) << 23) * (1.0 / 32768.0)
+    f32::from_bits((e as u32) << 23) * (1.0 / 32768.0)
 }
 
 impl Record {
     fn new(photon: &Photon) -> Record {
-        // The exponent of the next power of two above the largest channel, so that mantissas stay below 2^16.
-        let e = ((photon.flux.max_element().to_bits() >> 23) + 1).clamp(2, 255) as u8;
+        // The exponent of the largest channel, so that mantissas stay below 2^16.
+        let e = (photon.flux.max_element().to_bits() >> 23).clamp(1, 254) as u8;
         let mantissa = (photon.flux / exponent_factor(e)).round().to_array().map(|m| m as u16);
         Record {
             wi: encode16(photon.wi),

@@ -215,7 +215,9 @@ impl Scene {
     /// Radiance that an area light at `surface` sends towards `wo` (world).
     pub fn emitted(&self, surface: &Surface, wo: Vec3) -> Rgb {
         match surface.light {
-            Some(light) => self.lights.emitted(light, &self.textures, surface.uv, surface.n_g, wo),
+            Some(light) => {
+                self.lights.emitted(light, &self.textures, surface.uv, [surface.n_g, surface.frame.n], wo)
+            }
             None => Rgb::ZERO,
         }
     }

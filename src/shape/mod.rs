@@ -52,6 +52,8 @@ pub struct AreaSample {
     pub p: Vec3,
     /// Geometric unit normal.
     pub n_g: Vec3,
+    /// Shading normal.
+    pub n_s: Vec3,
     /// Texture coordinates.
     pub uv: Vec2,
     /// See [`SurfacePoint::magnitude`].

@@ -69,6 +69,6 @@ impl Sphere {
 
 impl From<SurfacePoint> for AreaSample {
     fn from(point: SurfacePoint) -> AreaSample {
-        AreaSample { p: point.p, n_g: point.n_g, uv: point.uv, magnitude: point.magnitude }
+        AreaSample { p: point.p, n_g: point.n_g, n_s: point.n_s, uv: point.uv, magnitude: point.magnitude }
     }
 }

@@ -37,6 +37,10 @@ impl<'a> Loader<'a> {
             },
             "directional" => {
                 let direction = self.either_or(props, "direction", |m| m.matrix3.z_axis.into())?;
+                if props.has("to_world") && (direction.length() - 1.0).abs() > 1e-3 {
+                    let message = "only the direction of the light's transform counts, not its scale";
+                    self.warn_at(props.pos("to_world"), message);
+                }
                 let Some(direction) = direction.try_normalize() else {
                     return Err(props.error_at("direction", "the direction is zero"));
                 };
