@@ -9,4 +9,4 @@ mod trace;
 
 pub use estimate::{Estimator, Kernel};
 pub use map::{Photon, PhotonMap};
-pub use trace::{Store, Traced, adjoint_correction, trace};
+pub use trace::{Store, Traced, trace};

@@ -31,7 +31,7 @@ pub struct Traced {
 /// What the flux of a photon that came from `wo` and leaves along `wi` (both world, away from the surface) must be
 /// multiplied with where shading and geometric normal differ: Veach 1997, Eq. 5.19, for light that travels from
 /// `wo` to `wi`, with |cosθ_i| already in the scattering weight.
-pub fn adjoint_correction(s: &Surface, wo: Vec3, wi: Vec3) -> f32 {
+fn adjoint_correction(s: &Surface, wo: Vec3, wi: Vec3) -> f32 {
     if s.n_g == s.frame.n {
         return 1.0;
     }

@@ -12,7 +12,7 @@ pub use disk::Disk;
 pub use mesh::Mesh;
 pub use sphere::Sphere;
 
-use crate::math::{Frame, Ray};
+use crate::math::Ray;
 use glam::{DVec3, Vec2, Vec3};
 
 /// What a ray hit: identity and parameters, 20 bytes. Shading data is derived later, by [`Shape::point`].
@@ -179,13 +179,6 @@ impl Shape {
             Shape::Disk(d) => d.area(),
             Shape::Cylinder(c) => c.area(),
         }
-    }
-}
-
-impl SurfacePoint {
-    /// Any shading frame.
-    pub fn frame(&self) -> Frame {
-        Frame::from_normal(self.n_s)
     }
 }
 
