@@ -110,6 +110,39 @@ impl Camera {
         let plane = Vec2::new(l.x, l.y * self.aspect) / (l.z * self.half_width);
         Some(0.5 * (1.0 - plane) - self.principal_offset)
     }
+
+    /// How a surface at `p` with unit normal `n` is seen through the lens point of the sample `lens`; `None` behind the
+    /// camera or clipped.
+    pub fn connect(&self, p: Vec3, n: Vec3, lens: Vec2) -> Option<Connection> {
+        let l = self.to_world.inverse().transform_point3(p);
+        if !(l.z > 0.0 && l.z >= self.clip.0 && l.z <= self.clip.1) {
+            return None;
+        }
+        let o = (self.aperture_radius * warp::disk(lens)).extend(0.0);
+        let through = (l - o) / l.z + o / self.focus_distance;
+        let plane = Vec2::new(through.x, through.y * self.aspect) / self.half_width;
+        let o = self.to_world.transform_point3(o);
+        // An area maps to (n·v)/det of its projection from the lens point, v the vector between, and shrinks with the
+        // depth cubed; at depth 1 the film measures 2·half_width each way, over the aspect ratio.
+        let film_area = 4.0 * self.half_width * self.half_width / self.aspect;
+        let scale = self.to_world.matrix3.determinant() * l.z * l.z * l.z * film_area;
+        Some(Connection {
+            lens: o,
+            film: 0.5 * (1.0 - plane) - self.principal_offset,
+            film_per_area: (n.dot(p - o) / scale).abs(),
+        })
+    }
+}
+
+/// A surface point as the camera sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Connection {
+    /// The point on the lens, world.
+    pub lens: Vec3,
+    /// Film position, as for [`Camera::ray`]; it may lie outside of the film.
+    pub film: Vec2,
+    /// Area on the film, as a fraction of the full film, per area on the surface.
+    pub film_per_area: f32,
 }
 
 #[cfg(test)]

@@ -28,6 +28,40 @@ pub struct Layer {
     pub name: String,
     /// Its pixels.
     pub image: Image,
+    /// What its channels are called.
+    pub channels: Channels,
+}
+
+/// The channels of a layer, named as other programs expect: tev groups by the name before the dot, Blender takes
+/// the one letter behind it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channels {
+    /// A colour: `R`, `G`, `B`.
+    Rgb,
+    /// A direction: `X`, `Y`, `Z`.
+    Xyz,
+    /// A distance, the first channel of the image: `Z`.
+    Z,
+    /// One number, the first channel of the image: `Y`.
+    Y,
+}
+
+impl Channels {
+    fn letters(self) -> &'static [&'static str] {
+        match self {
+            Channels::Rgb => &["R", "G", "B"],
+            Channels::Xyz => &["X", "Y", "Z"],
+            Channels::Z => &["Z"],
+            Channels::Y => &["Y"],
+        }
+    }
+}
+
+impl Image {
+    /// The image with every pixel mapped.
+    pub fn map(&self, f: impl Fn(Rgb) -> Rgb) -> Image {
+        Image { width: self.width, height: self.height, pixels: self.pixels.iter().map(|&p| f(p)).collect() }
+    }
 }
 
 /// What goes into an EXR file besides pixels.
@@ -228,7 +262,7 @@ fn read_other(path: &Path, srgb: bool) -> std::result::Result<Image, String> {
 }
 
 /// Writes an OpenEXR file: one part, ZIP-compressed, the unnamed layer as channels R, G, B and every other as
-/// `name.R`, `name.G`, `name.B`. The same layers and metadata give the same bytes.
+/// `name.R` and so on, by its [`Channels`]. The same layers and metadata give the same bytes.
 ///
 /// # Errors
 /// [`Error::Runtime`] if the layers differ in size or the file cannot be written; an old file then stays as it was.
@@ -244,11 +278,11 @@ pub fn write_exr(path: &Path, layers: &[Layer], metadata: &Metadata, samples: Sa
         return Err(fail("two layers have the same name"));
     }
     let mut channels = ex::SmallVec::new();
-    for Layer { name, image } in layers {
+    for Layer { name, image, channels: letters } in layers {
         if (image.width, image.height, image.pixels.len()) != (width, height, width * height) {
             return Err(fail("its layers differ in size"));
         }
-        for (c, letter) in ["R", "G", "B"].into_iter().enumerate() {
+        for (c, letter) in letters.letters().iter().enumerate() {
             let name = if name.is_empty() { letter.to_string() } else { format!("{name}.{letter}") };
             let values = image.pixels.iter().map(|p| p[c]);
             let data = match samples {
@@ -432,7 +466,7 @@ mod tests {
     }
 
     fn layer(name: &str, image: &Image) -> Layer {
-        Layer { name: name.into(), image: image.clone() }
+        Layer { name: name.into(), image: image.clone(), channels: Channels::Rgb }
     }
 
     fn files(dir: &Path) -> usize {

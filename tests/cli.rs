@@ -1,6 +1,6 @@
 //! The command line from outside: exit status, one-line messages, and what is written.
 
-use caustica::image_io::{self, Image, Layer, Metadata, SampleType};
+use caustica::image_io::{self, Channels, Image, Layer, Metadata, SampleType};
 use glam::Vec3;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -60,7 +60,7 @@ impl Dir {
 
     fn image(&self, name: &str, width: usize, height: usize, value: f32) {
         let image = Image { width, height, pixels: vec![Vec3::splat(value); width * height] };
-        let layers = [Layer { name: String::new(), image }];
+        let layers = [Layer { name: String::new(), image, channels: Channels::Rgb }];
         image_io::write_exr(&self.path(name), &layers, &Metadata::default(), SampleType::Float).unwrap();
     }
 

@@ -5,11 +5,10 @@ mod common;
 
 use caustica::accel::Backend;
 use caustica::image_io::{self, Image};
-use caustica::integrator::{self, Budget, Kind, Options, Params};
+use caustica::integrator::{Budget, Kind, Options, Params};
 use caustica::scene::{self, Scene};
-use common::{backends, mean, shared};
+use common::{backends, mean, render_with, shared};
 use glam::DVec3;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 /// Images of different seeds: enough for their spread to estimate their variance.
@@ -81,8 +80,7 @@ impl Case {
             budget: Budget::Passes(passes),
             aovs: false,
         };
-        let image =
-            integrator::render(&self.scene, &options, &mut |_| ControlFlow::Continue(())).unwrap().image;
+        let image = render_with(&self.scene, &options).image;
         assert_eq!((image.width, image.height), (self.reference.width, self.reference.height));
         assert!(image.pixels.iter().all(|p| p.is_finite()), "{}: values that are not finite", self.name);
         image

@@ -3,8 +3,9 @@
 use super::args::{RenderArgs, Verbosity};
 use super::prepare::{Prepared, prepare, with_threads};
 use super::{INTERRUPTED, info};
-use caustica::image_io::{self, Layer, Metadata, SampleType};
-use caustica::integrator::{self, Budget, PhotonCounts, Progress, RenderStats, Rendering, Skipped};
+use caustica::film::RelativeError;
+use caustica::image_io::{self, Channels, Layer, Metadata, SampleType};
+use caustica::integrator::{Budget, PhotonCounts, Progress, Rendering, Skipped, State, Statistics};
 use caustica::{Error, Result};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
@@ -35,20 +36,13 @@ pub(super) fn run(args: &RenderArgs, start: Instant) -> Result<u8> {
         info::print_plan(&prepared, |line| args.common.verbosity.detail(line));
 
         let interrupted = catch_interrupt()?;
-        let rendering_start = Instant::now();
-        let rendering = trace(&prepared, &args.common.verbosity, &interrupted)?;
-        let rendering_seconds = rendering_start.elapsed().as_secs_f64();
+        let mut state = State::new(&prepared.scene, &prepared.options, 0)?;
+        trace(&mut state, &prepared, &args.common.verbosity, &interrupted);
 
-        write(&output, format, &rendering, &prepared, args)?;
+        let rendering = state.resolve();
         let interrupted = interrupted.load(Ordering::Relaxed);
-        let stats = Stats::new(
-            args,
-            &prepared,
-            &rendering,
-            rendering_seconds,
-            start.elapsed().as_secs_f64(),
-            interrupted,
-        );
+        let stats = Stats::new(args, &prepared, &state, &rendering, start, interrupted);
+        write(&output, format, rendering, &prepared, args, stats.passes)?;
         if let Some(path) = &args.stats {
             stats.write(path)?;
         }
@@ -111,7 +105,7 @@ fn catch_interrupt() -> Result<Arc<AtomicBool>> {
     Ok(flag)
 }
 
-fn trace(prepared: &Prepared, verbosity: &Verbosity, interrupted: &AtomicBool) -> Result<Rendering> {
+fn trace(state: &mut State, prepared: &Prepared, verbosity: &Verbosity, interrupted: &AtomicBool) {
     const STEPS: u64 = 10_000;
     // indicatif draws nothing where stderr is no terminal.
     let target = if verbosity.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
@@ -120,17 +114,25 @@ fn trace(prepared: &Prepared, verbosity: &Verbosity, interrupted: &AtomicBool) -
         bar.set_style(style);
     }
     bar.enable_steady_tick(Duration::from_millis(500));
-    let mut on_pass = |progress: &Progress| {
+    state.render(&prepared.scene, &prepared.options, &mut |progress, _| {
         bar.set_position((progress.fraction.clamp(0.0, 1.0) * STEPS as f64) as u64);
-        bar.set_message(match time_left(progress) {
-            Some(left) => format!("{} passes, {} left", progress.passes, indicatif::HumanDuration(left)),
-            None => format!("{} passes", progress.passes),
-        });
+        let error = progress.error.map_or(String::new(), |e| format!(", {}", error_text(&e)));
+        let left = time_left(progress)
+            .map_or(String::new(), |left| format!(", {} left", indicatif::HumanDuration(left)));
+        bar.set_message(format!("{} passes{error}{left}", progress.passes));
         if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    };
-    let rendering = integrator::render(&prepared.scene, &prepared.options, &mut on_pass);
+    });
     bar.finish_and_clear();
-    rendering
+}
+
+fn error_text(error: &RelativeError) -> String {
+    let percent = |e: f64| 100.0 * e;
+    format!(
+        "error about {:.2} % (noise {:.2} %, bias {:.2} %)",
+        percent(error.total()),
+        percent(error.noise),
+        percent(error.bias)
+    )
 }
 
 fn time_left(progress: &Progress) -> Option<Duration> {
@@ -141,26 +143,24 @@ fn time_left(progress: &Progress) -> Option<Duration> {
 fn write(
     output: &Path,
     format: Format,
-    rendering: &Rendering,
+    rendering: Rendering,
     prepared: &Prepared,
     args: &RenderArgs,
+    passes: u32,
 ) -> Result<()> {
     let samples = match format {
         Format::Png => return image_io::write_png(output, &rendering.image, args.exposure),
         Format::Exr(samples) => samples,
     };
-    let mut layers = vec![Layer { name: String::new(), image: rendering.image.clone() }];
-    if args.aovs {
-        let parts = rendering.layers.iter();
-        layers.extend(parts.map(|(name, image)| Layer { name: name.to_string(), image: image.clone() }));
-    }
+    let mut layers = vec![Layer { name: String::new(), image: rendering.image, channels: Channels::Rgb }];
+    layers.extend(rendering.layers);
     let command: Vec<_> = std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect();
     let attributes = [
         ("software", format!("caustica {}", env!("CARGO_PKG_VERSION"))),
         ("scene", args.scene.display().to_string()),
         ("integrator", prepared.options.integrator.name().into()),
         ("seed", prepared.options.seed.to_string()),
-        ("passes", rendering.stats.passes.to_string()),
+        ("passes", passes.to_string()),
         ("command", command.join(" ")),
     ];
     let metadata = Metadata { attributes: attributes.map(|(k, v)| (k.into(), v)).into() };
@@ -186,6 +186,8 @@ struct Stats<'a> {
     photons: PhotonCounts,
     skipped: &'a [Skipped],
     estimated_relative_error: f64,
+    estimated_noise: f64,
+    estimated_bias: f64,
     peak_rss_bytes: u64,
 }
 
@@ -204,13 +206,12 @@ impl<'a> Stats<'a> {
     fn new(
         args: &RenderArgs,
         prepared: &Prepared,
-        rendering: &'a Rendering,
-        rendering_seconds: f64,
-        total: f64,
+        state: &'a State,
+        rendering: &Rendering,
+        start: Instant,
         interrupted: bool,
     ) -> Stats<'a> {
-        let RenderStats { passes, seconds, rays, photons, skipped, estimated_relative_error } =
-            &rendering.stats;
+        let Statistics { seconds, rays, photons, skipped } = &state.statistics;
         let (load, build) = prepared.seconds;
         Stats {
             version: env!("CARGO_PKG_VERSION"),
@@ -221,7 +222,7 @@ impl<'a> Stats<'a> {
             seed: prepared.options.seed,
             width: rendering.image.width,
             height: rendering.image.height,
-            passes: *passes,
+            passes: state.range().len() as u32,
             interrupted,
             seconds: StatsSeconds {
                 load,
@@ -229,13 +230,15 @@ impl<'a> Stats<'a> {
                 photons: seconds.photons,
                 maps: seconds.maps,
                 eye: seconds.eye,
-                total,
+                total: start.elapsed().as_secs_f64(),
             },
             rays: *rays,
-            rays_per_second: *rays as f64 / rendering_seconds.max(1e-9),
+            rays_per_second: *rays as f64 / seconds.rendering.max(1e-9),
             photons: *photons,
             skipped,
-            estimated_relative_error: *estimated_relative_error,
+            estimated_relative_error: rendering.error.total(),
+            estimated_noise: rendering.error.noise,
+            estimated_bias: rendering.error.bias,
             peak_rss_bytes: info::peak_rss_bytes(),
         }
     }
@@ -263,9 +266,10 @@ fn report(verbosity: &Verbosity, output: &Path, stats: &Stats) {
         stats.rays_per_second * 1e-6,
         stats.peak_rss_bytes >> 20
     ));
-    let error = match stats.estimated_relative_error {
-        e if e > 0.0 => format!(", estimated error {:.2} %", 100.0 * e),
-        _ => String::new(),
+    let error = RelativeError { noise: stats.estimated_noise, bias: stats.estimated_bias };
+    let error = match stats.passes {
+        0 | 1 => String::new(),
+        _ => format!(", {}", error_text(&error)),
     };
     let passes = if stats.passes == 1 { "pass" } else { "passes" };
     let interrupted = if stats.interrupted { ", interrupted" } else { "" };

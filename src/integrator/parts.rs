@@ -30,16 +30,6 @@ impl Parts {
     pub fn sum(&self) -> Rgb {
         self.direct + self.specular + self.caustic + self.indirect
     }
-
-    /// Names and values, as layers are named.
-    pub fn named(&self) -> [(&'static str, Rgb); 4] {
-        [
-            ("direct", self.direct),
-            ("specular", self.specular),
-            ("caustic", self.caustic),
-            ("indirect", self.indirect),
-        ]
-    }
 }
 
 impl AddAssign for Parts {

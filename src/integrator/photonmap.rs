@@ -6,7 +6,7 @@ use super::{DirectLight, Params, Parts, Seen};
 use crate::bsdf::{BsdfSample, Mode, Share};
 use crate::math::{Ray, Rgb, Sampler, luminance};
 use crate::photon::kdtree::KnnHeap;
-use crate::photon::{Estimator, Photon, PhotonMap, Store, trace};
+use crate::photon::{Estimator, Levels, Photon, PhotonMap, Splat, Splatter, Store, trace};
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
 use std::time::Instant;
@@ -18,6 +18,8 @@ pub(super) struct Maps {
     global_estimator: Estimator,
     caustic_estimator: Estimator,
     final_gather: bool,
+    /// Caustics that the camera sees directly, pixel by pixel.
+    pub(super) splats: Vec<Splat>,
 }
 
 /// What building the maps of a pass took.
@@ -49,7 +51,8 @@ fn photon_passes(params: &Params, plan: &Plan) -> [(Store, u64); 2] {
 /// The photons that pass number 0 stores, for looking at them; `true` marks those of the caustic map.
 pub(super) fn photons(scene: &Scene, params: &Params, plan: &Plan, seed: u64) -> Vec<(Photon, bool)> {
     let trace = |(store, count)| {
-        let photons = trace(scene, seed, 0, store, count, params.max_segments().saturating_sub(1)).photons;
+        let max_depth = params.max_segments().saturating_sub(1);
+        let photons = trace(scene, seed, 0, store, count, max_depth, None).photons;
         photons.into_iter().map(move |photon| (photon, store == Store::Caustic))
     };
     photon_passes(params, plan).into_iter().flat_map(trace).collect()
@@ -61,10 +64,14 @@ impl Maps {
         let mut stats = MapStats::default();
         // The camera's own segment is not the photons' to fly.
         let max_depth = params.max_segments().saturating_sub(1);
+        let splatter = Splatter { scene, hide_emitters: params.hide_emitters };
+        let mut splats = Vec::new();
         let [(global, global_stored), (caustic, caustic_stored)] =
             photon_passes(params, plan).map(|(store, count)| {
                 let start = Instant::now();
-                let traced = trace(scene, seed, pass, store, count, max_depth);
+                let splatter = (store == Store::Caustic).then_some(&splatter);
+                let traced = trace(scene, seed, pass, store, count, max_depth, splatter);
+                splats.extend(traced.splats);
                 stats.seconds_photons += start.elapsed().as_secs_f64();
                 let start = Instant::now();
                 let map = PhotonMap::new(&traced.photons);
@@ -84,6 +91,7 @@ impl Maps {
             global_estimator: estimator(params.global_k, params.global_radius),
             caustic_estimator: estimator(params.caustic_k, params.caustic_radius),
             final_gather: params.final_gather,
+            splats,
         };
         (maps, stats)
     }
@@ -131,10 +139,12 @@ pub(super) struct Eye<'a> {
     pub(super) scene: &'a Scene,
     pub(super) params: &'a Params,
     pub(super) maps: &'a Maps,
+    /// Whether to tell the density of photons.
+    pub(super) density: bool,
 }
 
 impl Eye<'_> {
-    /// Radiance along `ray`.
+    /// Radiance along `ray`, wide and fine (see [`crate::film::Film`]).
     ///
     /// The path follows sharp lobes, and at every vertex that scatters light into them by broad lobes too it collects
     /// direct light and caustics. When it first leaves by a broad lobe it has become a gather ray: what it now meets
@@ -147,8 +157,8 @@ impl Eye<'_> {
         scratch: &mut Scratch,
         seen: &mut Seen,
         rays: &mut u64,
-    ) -> Parts {
-        let mut sum = Parts::default();
+    ) -> [Parts; 2] {
+        let mut sum = [Parts::default(); 2];
         let mut pending = None;
         let mut next = Some(Walk {
             ray,
@@ -171,22 +181,26 @@ impl Eye<'_> {
             let Some(s) = hit else {
                 if !(walk.straight && self.params.hide_emitters) {
                     let light = direct::background(self.scene, &walk.ray, &walk.previous);
-                    *(walk.emitted_part)(&mut sum) += walk.beta_emitted * light;
+                    sum.iter_mut().for_each(|sum| *(walk.emitted_part)(sum) += walk.beta_emitted * light);
                 }
                 next = None;
                 continue;
             };
             if walk.depth == 1 {
                 *seen = Seen::new(&s, &walk.ray);
+                if self.density {
+                    seen.density = self.maps.density(&s, scratch);
+                }
             }
             let emitted = direct::emitted(self.scene, &s, &walk.ray, &walk.previous);
-            *(walk.emitted_part)(&mut sum) += walk.beta_emitted * emitted;
+            sum.iter_mut().for_each(|sum| *(walk.emitted_part)(sum) += walk.beta_emitted * emitted);
             if walk.depth >= self.params.max_segments() || walk.beta == Rgb::ZERO {
                 next = None;
                 continue;
             }
             let wo = s.frame.to_local(-walk.ray.d);
-            sum += self.collect(&walk, &s, wo, sampler, scratch, rays);
+            let here = self.collect(&walk, &s, wo, sampler, scratch, rays);
+            sum.iter_mut().zip(here).for_each(|(sum, here)| *sum += here);
             next = match s.bsdf.split(wo, Mode::Radiance) {
                 Some([a, b]) if walk.depth == 1 => {
                     pending = self.scatter(&walk, &s, wo, &a, sampler);
@@ -201,7 +215,7 @@ impl Eye<'_> {
         sum
     }
 
-    /// Light that broad lobes send along the path from the surface where it has arrived.
+    /// Light that broad lobes send along the path from the surface where it has arrived, wide and fine.
     fn collect(
         &self,
         walk: &Walk,
@@ -210,26 +224,35 @@ impl Eye<'_> {
         sampler: &mut Sampler,
         scratch: &mut Scratch,
         rays: &mut u64,
-    ) -> Parts {
+    ) -> [Parts; 2] {
         if !s.bsdf.has_smooth() {
-            return Parts::default();
+            return [Parts::default(); 2];
         }
         let segments_left = self.params.max_segments() - walk.depth;
-        let mut here = Parts::default();
+        let (mut caustic, indirect);
+        let mut direct = Rgb::ZERO;
         if walk.gathering {
-            here.indirect = self.maps.gather(s, -walk.ray.d, segments_left, scratch);
+            caustic = Levels::default();
+            indirect = self.maps.gather(s, -walk.ray.d, segments_left, scratch);
         } else {
-            here = self.maps.seen(self.params, s, -walk.ray.d, segments_left, scratch);
+            (caustic, indirect) = self.maps.seen(self.params, s, -walk.ray.d, segments_left, scratch);
+            if walk.depth == 1 {
+                // The splats show it.
+                caustic.fine = Rgb::ZERO;
+            }
             if self.params.direct == DirectLight::Sample {
                 if let Some(lit) = direct::sample_light(self.scene, s, wo, sampler, rays) {
-                    here.direct = lit.f * lit.light;
+                    direct = lit.f * lit.light;
                 }
             }
         }
-        if walk.through_sharp {
-            here = Parts { specular: here.sum(), ..Parts::default() };
-        }
-        here * walk.beta
+        [(caustic.wide, indirect.wide), (caustic.fine, indirect.fine)].map(|(caustic, indirect)| {
+            let mut here = Parts { direct, caustic, indirect, ..Parts::default() };
+            if walk.through_sharp {
+                here = Parts { specular: here.sum(), ..Parts::default() };
+            }
+            here * walk.beta
+        })
     }
 
     /// The path after scattering by `sample`; `None` where it ends.
@@ -304,36 +327,38 @@ impl Maps {
     }
 
     /// Radiance from a gather ray's hit: all light that arrives there and leaves by broad lobes.
-    fn gather(&self, s: &Surface, wo: Vec3, max_depth: u32, scratch: &mut Scratch) -> Rgb {
+    fn gather(&self, s: &Surface, wo: Vec3, max_depth: u32, scratch: &mut Scratch) -> Levels {
         let depths = (1, max_depth);
         self.global_estimator.radiance(&self.global, s, wo, Share::BroadLight, depths, &mut scratch.global)
     }
 
-    /// What the maps show at a vertex that the eye sees.
-    fn seen(&self, params: &Params, s: &Surface, wo: Vec3, max_depth: u32, scratch: &mut Scratch) -> Parts {
-        let mut parts = Parts::default();
+    /// What the caustic map and the global map show at a vertex that the eye sees.
+    fn seen(
+        &self,
+        params: &Params,
+        s: &Surface,
+        wo: Vec3,
+        max_depth: u32,
+        scratch: &mut Scratch,
+    ) -> (Levels, Levels) {
+        let share = Share::BroadEye;
+        let (mut caustic, mut indirect) = (Levels::default(), Levels::default());
         if !self.caustic.is_empty() {
             let depths = (2, max_depth);
-            parts.caustic = self.caustic_estimator.radiance(
-                &self.caustic,
-                s,
-                wo,
-                Share::BroadEye,
-                depths,
-                &mut scratch.caustic,
-            );
+            caustic =
+                self.caustic_estimator.radiance(&self.caustic, s, wo, share, depths, &mut scratch.caustic);
         }
         if !self.final_gather && !self.global.is_empty() {
             let depths = (if params.direct == DirectLight::Map { 1 } else { 2 }, max_depth);
-            parts.indirect = self.global_estimator.radiance(
-                &self.global,
-                s,
-                wo,
-                Share::BroadEye,
-                depths,
-                &mut scratch.global,
-            );
+            indirect =
+                self.global_estimator.radiance(&self.global, s, wo, share, depths, &mut scratch.global);
         }
-        parts
+        (caustic, indirect)
+    }
+
+    /// Photons stored per area around `s`, in both maps.
+    pub(super) fn density(&self, s: &Surface, scratch: &mut Scratch) -> f32 {
+        let global = self.global_estimator.density(&self.global, s, &mut scratch.global);
+        global + self.caustic_estimator.density(&self.caustic, s, &mut scratch.caustic)
     }
 }

@@ -48,14 +48,19 @@ impl Plan {
         plan
     }
 
+    /// Whether any photons are shot.
+    pub(super) fn has_photons(&self) -> bool {
+        self.global_photons > 0 || self.caustic_photons > 0
+    }
+
     fn skip_both(&mut self, reason: &str) {
         self.global_photons = 0;
-        self.skipped.push(Skipped { stage: "global map", reason: reason.into() });
+        self.skipped.push(Skipped { stage: "global map".into(), reason: reason.into() });
         self.skip_caustic(reason);
     }
 
     fn skip_caustic(&mut self, reason: &str) {
         self.caustic_photons = 0;
-        self.skipped.push(Skipped { stage: "caustic map", reason: reason.into() });
+        self.skipped.push(Skipped { stage: "caustic map".into(), reason: reason.into() });
     }
 }

@@ -46,6 +46,18 @@ pub struct Estimator {
     pub kernel: Kernel,
 }
 
+/// The radius of the fine level of an estimate, as a share of the wide one's.
+const FINE: f32 = 0.5;
+
+/// An estimate at two radii: wide, with the least noise, and fine, with little of its bias.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Levels {
+    /// At the full radius.
+    pub wide: Rgb,
+    /// At half of it, from the photons in there.
+    pub fine: Rgb,
+}
+
 impl Estimator {
     /// Radiance that `share` of the BSDF at `s` reflects towards `wo` (world) out of the map's light, from photons
     /// that flew at least `depths.0` and at most `depths.1` segments.
@@ -61,28 +73,19 @@ impl Estimator {
         share: Share,
         depths: (u32, u32),
         heap: &mut KnnHeap,
-    ) -> Rgb {
+    ) -> Levels {
         let wo = s.frame.to_local(wo);
         if !s.bsdf.scatters_on(wo) {
-            return Rgb::ZERO;
+            return Levels::default();
         }
-        map.tree().nearest_filtered(s.p, self.r_max, heap, |slot, d2| {
-            // Near the tangent plane, and on a surface that faces the same way: no leaks through thin walls or
-            // around corners.
-            let h = s.n_g.dot(map.tree().position(slot) - s.p);
-            h * h <= 0.1 * d2 && map.n_g(slot).dot(s.n_g) > 0.7
-        });
-        let (r2_full, r2_own) = if heap.is_full() {
-            (heap.max_dist2(), heap.max_dist2())
-        } else {
-            (self.r_max * self.r_max, f32::INFINITY)
-        };
+        let r2_full = self.nearest(map, s, heap);
+        let r2_own = if heap.is_full() { r2_full } else { f32::INFINITY };
         let r2 = r2_full * self.shrink * self.shrink;
         if r2 <= 0.0 {
-            return Rgb::ZERO;
+            return Levels::default();
         }
         let lambertian = s.bsdf.diffuse_only();
-        let mut sum = Rgb::ZERO;
+        let mut sum = Levels::default();
         let mut skipped_farthest = false;
         for (slot, d2) in heap.iter() {
             if d2 >= r2_own && !skipped_farthest {
@@ -97,24 +100,53 @@ impl Estimator {
                 continue;
             }
             let wi = map.wi(slot);
-            let weight = self.kernel.weight(d2 / r2);
-            match lambertian {
+            let reflected = match lambertian {
                 Some(_) => {
                     let wi_n = s.frame.n.dot(wi);
-                    if wi_n * wo.z > 0.0 {
-                        sum += map.flux(slot) * (weight * shading_ratio(wi_n, s.n_g.dot(wi)));
+                    if wi_n * wo.z <= 0.0 {
+                        continue;
                     }
+                    map.flux(slot) * shading_ratio(wi_n, s.n_g.dot(wi))
                 }
-                None => {
-                    // eval holds |cosθ_s|; flux per area is measured on the geometric surface.
-                    let cos_g = s.n_g.dot(wi).abs().max(1e-4);
-                    let f = s.bsdf.eval(wo, s.frame.to_local(wi), Mode::Radiance, share);
-                    sum += map.flux(slot) * f * (weight / cos_g);
-                }
+                None => map.flux(slot) * scattered(s, wo, wi, share),
+            };
+            let t2 = d2 / r2;
+            sum.wide += reflected * self.kernel.weight(t2);
+            if t2 < FINE * FINE {
+                sum.fine += reflected * (self.kernel.weight(t2 / (FINE * FINE)) / (FINE * FINE));
             }
         }
-        sum * lambertian.unwrap_or(Rgb::ONE) / (PI * r2)
+        let scale = lambertian.unwrap_or(Rgb::ONE) / (PI * r2);
+        Levels { wide: sum.wide * scale, fine: sum.fine * scale }
     }
+
+    /// Photons per area around `s`.
+    pub fn density(&self, map: &PhotonMap, s: &Surface, heap: &mut KnnHeap) -> f32 {
+        if map.is_empty() {
+            return 0.0;
+        }
+        let area = PI * self.nearest(map, s, heap);
+        let count = if heap.is_full() { heap.len() - 1 } else { heap.len() };
+        if area > 0.0 { count as f32 / area } else { 0.0 }
+    }
+
+    /// Finds the photons around `s` that lie on the same surface; returns the square of the radius that holds them.
+    fn nearest(&self, map: &PhotonMap, s: &Surface, heap: &mut KnnHeap) -> f32 {
+        map.tree().nearest_filtered(s.p, self.r_max, heap, |slot, d2| {
+            // Near the tangent plane, and on a surface that faces the same way: no leaks through thin walls or
+            // around corners.
+            let h = s.n_g.dot(map.tree().position(slot) - s.p);
+            h * h <= 0.1 * d2 && map.n_g(slot).dot(s.n_g) > 0.7
+        });
+        if heap.is_full() { heap.max_dist2() } else { self.r_max * self.r_max }
+    }
+}
+
+/// Radiance that `share` of the BSDF at `s` scatters towards `wo` (local) per irradiance, counted on the geometric
+/// surface, from `wi` (world). eval holds |cosθ_s|.
+pub(super) fn scattered(s: &Surface, wo: Vec3, wi: Vec3, share: Share) -> Rgb {
+    let cos_g = s.n_g.dot(wi).abs().max(1e-4);
+    s.bsdf.eval(wo, s.frame.to_local(wi), Mode::Radiance, share) / cos_g
 }
 
 /// |wi·n_s| / |wi·n_g|: photons count flux through the geometric surface, scattering wants it through the shading

@@ -5,8 +5,10 @@ mod estimate;
 pub mod kdtree;
 mod map;
 mod octahedral;
+mod splat;
 mod trace;
 
-pub use estimate::{Estimator, Kernel};
+pub use estimate::{Estimator, Kernel, Levels};
 pub use map::{Photon, PhotonMap};
+pub use splat::{Splat, Splatter};
 pub use trace::{Store, Traced, trace};

@@ -1,6 +1,7 @@
 //! Photon emission and transport.
 
 use super::Photon;
+use super::splat::{Splat, Splatter};
 use crate::bsdf::{Mode, Share};
 use crate::math::{Rgb, Sampler, Stream};
 use crate::scene::{Scene, Surface};
@@ -24,6 +25,8 @@ pub enum Store {
 pub struct Traced {
     /// Photons in order of emission, whatever the number of threads.
     pub photons: Vec<Photon>,
+    /// What of them the camera sees directly, likewise in order.
+    pub splats: Vec<Splat>,
     /// Rays traced.
     pub rays: u64,
 }
@@ -40,8 +43,17 @@ fn adjoint_correction(s: &Surface, wo: Vec3, wi: Vec3) -> f32 {
     if below == 0.0 { 0.0 } else { (above / below).abs() }
 }
 
-/// Emits `count` photon paths and stores them where they meet non-delta surfaces, up to `max_depth` segments.
-pub fn trace(scene: &Scene, seed: u64, pass: u32, store: Store, count: u64, max_depth: u32) -> Traced {
+/// Emits `count` photon paths and stores them where they meet non-delta surfaces, up to `max_depth` segments. With a
+/// `splatter`, what is stored is also shown to the camera.
+pub fn trace(
+    scene: &Scene,
+    seed: u64,
+    pass: u32,
+    store: Store,
+    count: u64,
+    max_depth: u32,
+    splatter: Option<&Splatter>,
+) -> Traced {
     const BATCH: u64 = 4096;
     let stream = if store == Store::Caustic { Stream::CausticPhotons } else { Stream::GlobalPhotons };
     let batches: Vec<Traced> = (0..count.div_ceil(BATCH))
@@ -50,7 +62,7 @@ pub fn trace(scene: &Scene, seed: u64, pass: u32, store: Store, count: u64, max_
             let mut out = Traced::default();
             for index in batch * BATCH..((batch + 1) * BATCH).min(count) {
                 let mut sampler = Sampler::new(seed, stream, pass as u64, index);
-                trace_one(scene, &mut sampler, store, 1.0 / count as f32, max_depth, &mut out);
+                trace_one(scene, &mut sampler, store, 1.0 / count as f32, max_depth, splatter, &mut out);
             }
             out
         })
@@ -59,6 +71,7 @@ pub fn trace(scene: &Scene, seed: u64, pass: u32, store: Store, count: u64, max_
     all.photons.reserve_exact(batches.iter().map(|b| b.photons.len()).sum());
     for batch in batches {
         all.photons.extend_from_slice(&batch.photons);
+        all.splats.extend_from_slice(&batch.splats);
         all.rays += batch.rays;
     }
     all
@@ -70,6 +83,7 @@ fn trace_one(
     store: Store,
     scale: f32,
     max_depth: u32,
+    splatter: Option<&Splatter>,
     out: &mut Traced,
 ) {
     let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
@@ -95,6 +109,9 @@ fn trace_one(
             };
             if stored.max_element() > 0.0 {
                 out.photons.push(Photon { p: s.p, wi, n_g: s.n_g, flux: stored, depth: depth as u8 });
+                if let Some(splatter) = splatter {
+                    out.rays += splatter.show(&s, wi, stored, sampler, &mut out.splats);
+                }
             }
         }
 

@@ -3,7 +3,7 @@
 
 use caustica::accel::{self, Backend};
 use caustica::image_io::Image;
-use caustica::integrator::{self, Budget, Kind, Options, Params, Rendering};
+use caustica::integrator::{Budget, Kind, Options, Params, Rendering, State};
 use caustica::math::Rgb;
 use caustica::scene::{self, Scene};
 use std::ops::ControlFlow;
@@ -52,7 +52,14 @@ pub(crate) fn params(settings: &[&str]) -> Params {
 pub(crate) fn render(scene: &Scene, integrator: Kind, settings: &[&str], passes: u32) -> Rendering {
     let options =
         Options { integrator, params: params(settings), seed: 1, budget: Budget::Passes(passes), aovs: true };
-    integrator::render(scene, &options, &mut |_| ControlFlow::Continue(())).unwrap()
+    render_with(scene, &options)
+}
+
+/// Renders as the options say.
+pub(crate) fn render_with(scene: &Scene, options: &Options) -> Rendering {
+    let mut state = State::new(scene, options, 0).unwrap();
+    state.render(scene, options, &mut |_, _| ControlFlow::Continue(()));
+    state.resolve()
 }
 
 /// Mean of each channel.
@@ -63,7 +70,7 @@ pub(crate) fn mean(image: &Image) -> Rgb {
 
 /// A part or auxiliary layer.
 pub(crate) fn layer<'a>(rendering: &'a Rendering, name: &str) -> &'a Image {
-    &rendering.layers.iter().find(|(n, _)| *n == name).unwrap().1
+    &rendering.layers.iter().find(|layer| layer.name == name).unwrap().image
 }
 
 /// Every backend of this build.

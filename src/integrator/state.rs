@@ -1,0 +1,288 @@
+//! A render as far as it has come: the sums of a range of passes. It can be kept, taken up again, and merged with the
+//! next range.
+
+use super::photonmap::{Eye, Maps, Scratch};
+use super::plan::Plan;
+use super::{Budget, Kind, Options, Seen, path};
+use crate::film::{Film, RelativeError, Values};
+use crate::image_io::{Channels, Image, Layer};
+use crate::math::{Rgb, Sampler, Stream};
+use crate::scene::Scene;
+use crate::{Error, Result};
+use glam::Vec2;
+use serde::{Deserialize, Serialize};
+use std::ops::{AddAssign, ControlFlow, Range};
+use std::time::Instant;
+
+/// A stage that the scene does not need.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Skipped {
+    /// Its name, e.g. `caustic map`.
+    pub stage: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// Seconds spent, by stage, wall time.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub struct Seconds {
+    /// Emitting and tracing photons.
+    pub photons: f64,
+    /// Building maps.
+    pub maps: f64,
+    /// Camera paths.
+    pub eye: f64,
+    /// All of rendering.
+    pub rendering: f64,
+}
+
+/// Counts of photons over all passes.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub struct PhotonCounts {
+    /// Photons emitted.
+    pub emitted: u64,
+    /// Records stored in the global map.
+    pub global_stored: u64,
+    /// Records stored in the caustic map.
+    pub caustic_stored: u64,
+}
+
+/// What rendering the passes took.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Statistics {
+    /// Seconds by stage.
+    pub seconds: Seconds,
+    /// Rays traced, shadow rays included.
+    pub rays: u64,
+    /// Photons.
+    pub photons: PhotonCounts,
+    /// Stages that were not needed.
+    pub skipped: Vec<Skipped>,
+}
+
+impl AddAssign<&Statistics> for Statistics {
+    fn add_assign(&mut self, o: &Statistics) {
+        self.seconds.photons += o.seconds.photons;
+        self.seconds.maps += o.seconds.maps;
+        self.seconds.eye += o.seconds.eye;
+        self.seconds.rendering += o.seconds.rendering;
+        self.rays += o.rays;
+        self.photons.emitted += o.photons.emitted;
+        self.photons.global_stored += o.photons.global_stored;
+        self.photons.caustic_stored += o.photons.caustic_stored;
+    }
+}
+
+/// How far a render is, told after each pass.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress {
+    /// Finished passes.
+    pub passes: u32,
+    /// Seconds since rendering began or was taken up again.
+    pub seconds: f64,
+    /// Share of the budget that is used, 0 to 1.
+    pub fraction: f64,
+    /// Estimated error when it was last looked at.
+    pub error: Option<RelativeError>,
+}
+
+/// The picture that a render shows.
+#[derive(Clone, Debug)]
+pub struct Rendering {
+    /// The picture.
+    pub image: Image,
+    /// With [`Options::aovs`]: direct, specular, caustic, indirect (their sum is the picture), albedo, normal, depth,
+    /// photon density, and the estimated noise and bias.
+    pub layers: Vec<Layer>,
+    /// Estimated error; zero with fewer than two passes.
+    pub error: RelativeError,
+}
+
+/// The sums of passes `first..first + passes`, and what they took.
+#[derive(Clone, Debug)]
+pub struct State {
+    first: u32,
+    film: Film,
+    aovs: bool,
+    /// What it took.
+    pub statistics: Statistics,
+}
+
+/// The film's layers with [`Options::aovs`]. Those that photon maps take part in have two levels, as the picture has.
+mod layer {
+    pub(super) const DIRECT: usize = 0;
+    pub(super) const SPECULAR: [usize; 2] = [1, 2];
+    pub(super) const CAUSTIC: [usize; 2] = [3, 4];
+    pub(super) const INDIRECT: [usize; 2] = [5, 6];
+    pub(super) const ALBEDO: usize = 7;
+    pub(super) const NORMAL: usize = 8;
+    /// Depth and photon density.
+    pub(super) const SCALARS: usize = 9;
+    pub(super) const COUNT: usize = 10;
+}
+
+impl State {
+    /// Nothing yet; the first pass will be number `first`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a scene without pixels.
+    pub fn new(scene: &Scene, options: &Options, first: u32) -> Result<State> {
+        let (_, _, width, height) = scene.film.crop;
+        if width == 0 || height == 0 {
+            return Err(Error::Usage("the film has no pixels".into()));
+        }
+        let plan = Plan::new(scene, options);
+        let layers = if options.aovs { layer::COUNT } else { 0 };
+        let film = Film::new(&scene.film, plan.has_photons(), layers);
+        let statistics = Statistics { skipped: plan.skipped, ..Statistics::default() };
+        Ok(State { first, film, aovs: options.aovs, statistics })
+    }
+
+    /// The passes that it holds.
+    pub fn range(&self) -> Range<u32> {
+        self.first..self.first + self.film.passes()
+    }
+
+    /// Renders passes until the budget is used up or `on_pass` breaks off.
+    pub fn render(
+        &mut self,
+        scene: &Scene,
+        options: &Options,
+        on_pass: &mut dyn FnMut(&Progress, &State) -> ControlFlow<()>,
+    ) {
+        let plan = Plan::new(scene, options);
+        let earlier = self.statistics.seconds.rendering;
+        let start = Instant::now();
+        // The estimate costs more than a small pass: it is made at passes whose numbers grow geometrically.
+        let (growth, mut next_estimate) = match options.budget {
+            Budget::Error(_) => (1.1, MIN_PASSES),
+            _ => (2.0, 2),
+        };
+        let mut error = None;
+        loop {
+            let mut passes = self.film.passes();
+            let used = |passes: u32, seconds: f64, error: Option<RelativeError>| match (options.budget, error)
+            {
+                (Budget::Passes(n), _) => passes as f64 / n.max(1) as f64,
+                (Budget::Time(limit), _) => seconds / limit.as_secs_f64().max(1e-9),
+                // The error of a mean of n passes falls with √n.
+                (Budget::Error(goal), Some(e)) => (goal as f64 / e.total().max(1e-30)).powi(2),
+                (Budget::Error(_), None) => 0.0,
+            };
+            if passes > 0 && used(passes, start.elapsed().as_secs_f64(), error) >= 1.0 {
+                break;
+            }
+            self.add_pass(scene, options, &plan);
+            passes += 1;
+            if passes >= next_estimate {
+                error = Some(self.film.resolve().error);
+                next_estimate = (passes + 1).max((passes as f64 * growth) as u32);
+            }
+            let seconds = start.elapsed().as_secs_f64();
+            self.statistics.seconds.rendering = earlier + seconds;
+            let fraction = used(passes, seconds, error).min(1.0);
+            if on_pass(&Progress { passes, seconds, fraction, error }, self).is_break() {
+                break;
+            }
+        }
+    }
+
+    /// Takes in `next`, which goes on where this state ends.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if it does not.
+    pub fn merge(&mut self, next: &State) -> Result<()> {
+        let (own, next_range) = (self.range(), next.range());
+        if own.end != next_range.start {
+            return Err(Error::Usage(format!("passes {own:?} and {next_range:?} do not follow each other")));
+        }
+        self.film.merge(&next.film);
+        self.statistics += &next.statistics;
+        Ok(())
+    }
+
+    /// The picture.
+    pub fn resolve(&self) -> Rendering {
+        let film = &self.film;
+        let resolved = film.resolve();
+        let mut layers = Vec::new();
+        if self.aovs {
+            let mixed = |[wide, fine]: [usize; 2]| film.layer_of_levels(wide, fine, &resolved);
+            let scalars = film.layer(layer::SCALARS);
+            let mut add = |name: &str, image, channels| {
+                layers.push(Layer { name: name.into(), image, channels });
+            };
+            add("direct", film.layer(layer::DIRECT), Channels::Rgb);
+            add("specular", mixed(layer::SPECULAR), Channels::Rgb);
+            add("caustic", mixed(layer::CAUSTIC), Channels::Rgb);
+            add("indirect", mixed(layer::INDIRECT), Channels::Rgb);
+            add("albedo", film.layer(layer::ALBEDO), Channels::Rgb);
+            add("normal", film.layer(layer::NORMAL), Channels::Xyz);
+            add("depth", scalars.map(|v| Rgb::splat(v.x)), Channels::Z);
+            add("photon_density", scalars.map(|v| Rgb::splat(v.y)), Channels::Y);
+            add("noise", resolved.noise, Channels::Rgb);
+            add("bias", resolved.bias, Channels::Rgb);
+        }
+        Rendering { image: resolved.image, layers, error: resolved.error }
+    }
+
+    /// Renders the next pass. It depends on nothing but (scene, options without the budget, number of the pass).
+    fn add_pass(&mut self, scene: &Scene, options: &Options, plan: &Plan) {
+        let (params, index) = (&options.params, self.range().end);
+        let stats = &mut self.statistics;
+        let mut maps = (options.integrator == Kind::Photonmap).then(|| {
+            let (maps, m) = Maps::new(scene, params, plan, options.seed, index);
+            stats.seconds.photons += m.seconds_photons;
+            stats.seconds.maps += m.seconds_maps;
+            stats.rays += m.rays;
+            stats.photons.emitted += m.emitted;
+            stats.photons.global_stored += m.global_stored;
+            stats.photons.caustic_stored += m.caustic_stored;
+            maps
+        });
+        let start = Instant::now();
+        let splats = maps.as_mut().map_or(Vec::new(), |maps| std::mem::take(&mut maps.splats));
+        let (x0, y0, ..) = scene.film.crop;
+        let full = Vec2::new(scene.film.size.0 as f32, scene.film.size.1 as f32);
+        let filter = scene.film.filter;
+        let pixel = |x: usize, y: usize, (scratch, rays): &mut (Scratch, u64), out: &mut Values| {
+            let (x, y) = (x0 + x as u32, y0 + y as u32);
+            let pixel = y as u64 * scene.film.size.0 as u64 + x as u64;
+            let mut sampler = Sampler::new(options.seed, Stream::Eye, pixel, index as u64);
+            let position = Vec2::new(x as f32, y as f32) + 0.5 + filter.sample(sampler.next_2d());
+            let ray = scene.camera.ray(position / full, sampler.next_2d());
+            let mut seen = Seen::default();
+            let shown = match &maps {
+                Some(maps) => {
+                    let eye = Eye { scene, params, maps, density: options.aovs };
+                    eye.radiance(ray, &mut sampler, scratch, &mut seen, rays)
+                }
+                None => [path::radiance(scene, params, ray, &mut sampler, &mut seen, rays); 2],
+            };
+            for (value, parts) in out.picture.iter_mut().zip(&shown) {
+                *value = parts.sum();
+            }
+            if options.aovs {
+                out.layers[layer::DIRECT] = shown[0].direct;
+                for (level, parts) in shown.iter().enumerate() {
+                    out.layers[layer::SPECULAR[level]] = parts.specular;
+                    out.layers[layer::CAUSTIC[level]] = parts.caustic;
+                    out.layers[layer::INDIRECT[level]] = parts.indirect;
+                }
+                out.layers[layer::ALBEDO] = seen.albedo;
+                out.layers[layer::NORMAL] = seen.normal;
+                out.layers[layer::SCALARS] = Rgb::new(seen.depth, seen.density, 0.0);
+            }
+        };
+        let rows = self.film.add_pass(index, || (Scratch::new(params), 0), pixel);
+        stats.rays += rows.iter().map(|(_, rays)| rays).sum::<u64>();
+        let layer = options.aovs.then_some(layer::CAUSTIC[1]);
+        for splat in splats {
+            self.film.splat(index, splat.pixel as usize, splat.value, layer);
+        }
+        stats.seconds.eye += start.elapsed().as_secs_f64();
+    }
+}
+
+/// An estimated error says little before.
+const MIN_PASSES: u32 = 4;
