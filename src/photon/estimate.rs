@@ -5,7 +5,8 @@ use super::kdtree::KnnHeap;
 use crate::bsdf::{Mode, Share};
 use crate::math::Rgb;
 use crate::scene::Surface;
-use glam::Vec3;
+use crate::shape::Facet;
+use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 
 /// Kernels of density estimation, normalised over the disk.
@@ -30,6 +31,60 @@ impl Kernel {
             Kernel::Epanechnikov => 2.0 * (1.0 - t2),
             Kernel::Biweight => 3.0 * (1.0 - t2) * (1.0 - t2),
         }
+    }
+}
+
+impl Kernel {
+    /// ∫ 1 − mass(ρ) dθ along a straight edge from the foot of the perpendicular out to `s`, seen from the point at
+    /// signed distance `d` from it: mass(ρ) is what of the kernel of radius 1 lies nearer than the edge is in direction
+    /// θ, ρ = d/cosθ = √(d² + s²) ≤ 1. Divided by 2π it is what an edge cuts off.
+    fn cut_off(self, d: f32, s: f32) -> f32 {
+        let angle = s.atan2(d.abs()).copysign(s * d);
+        let (d2, s2) = (d * d, s * s);
+        // ∫ (d secθ)ⁿ dθ for n = 2, 4, 6, in terms of s = d tanθ.
+        let (second, fourth) = (d * s, d * s * (d2 + s2 / 3.0));
+        match self {
+            // 1 − ρ²
+            Kernel::Constant => angle - second,
+            // 1 − 3ρ² + 2ρ³
+            Kernel::Cone => {
+                let third =
+                    0.5 * (second * (d2 + s2).sqrt() + if d == 0.0 { 0.0 } else { d * d2 * (s / d).asinh() });
+                angle - 3.0 * second + 2.0 * third
+            }
+            // (1 − ρ²)²
+            Kernel::Epanechnikov => angle - 2.0 * second + fourth,
+            // (1 − ρ²)³
+            Kernel::Biweight => {
+                let sixth = d * s * (d2 * d2 + (2.0 / 3.0) * d2 * s2 + s2 * s2 / 5.0);
+                angle - 3.0 * second + 3.0 * fourth - sixth
+            }
+        }
+    }
+
+    /// The share of the kernel of radius `r` around `p`, a point of `facet`, that lies on it.
+    pub fn coverage(self, facet: &Facet, p: Vec2, r: f32) -> f32 {
+        let mut cut = 0.0;
+        for &[a, b] in facet.edges() {
+            let along = b - a;
+            let length = along.length();
+            if length == 0.0 {
+                continue;
+            }
+            let u = along / length;
+            let d = u.perp_dot(p - a) / r;
+            if d.abs() < 1.0 {
+                // The part of the edge within the disk, measured from the foot of the perpendicular.
+                let reach = (1.0 - d * d).sqrt();
+                let foot = u.dot(p - a);
+                let (from, to) = ((-foot / r).max(-reach), ((length - foot) / r).min(reach));
+                if from < to {
+                    cut += self.cut_off(d, to) - self.cut_off(d, from);
+                }
+            }
+        }
+        // Rounding leaves something of the point itself.
+        (1.0 - cut / (2.0 * PI)).clamp(1e-3, 1.0)
     }
 }
 
@@ -84,6 +139,14 @@ impl Estimator {
         if r2 <= 0.0 {
             return Levels::default();
         }
+        // What of the disk hangs over the edge of the surface holds no photons.
+        let r = r2.sqrt();
+        let at = s.facet.map(|facet| (facet, facet.project(s.p)));
+        let covered = |r| at.map_or(1.0, |(facet, p)| self.kernel.coverage(facet, p, r));
+        let wide_share = covered(r);
+        let fine_share = if wide_share < 1.0 { covered(FINE * r) } else { 1.0 };
+        // Across a seam, other surfaces may go on in the same plane.
+        let own = at.map(|(facet, _)| facet).filter(|_| wide_share < 1.0);
         let lambertian = s.bsdf.diffuse_only();
         let mut sum = Levels::default();
         let mut skipped_farthest = false;
@@ -97,6 +160,9 @@ impl Estimator {
             }
             let depth = map.depth(slot);
             if depth < depths.0 || depth > depths.1 {
+                continue;
+            }
+            if own.is_some_and(|facet| !facet.contains(facet.project(map.tree().position(slot)))) {
                 continue;
             }
             let wi = map.wi(slot);
@@ -117,7 +183,7 @@ impl Estimator {
             }
         }
         let scale = lambertian.unwrap_or(Rgb::ONE) / (PI * r2);
-        Levels { wide: sum.wide * scale, fine: sum.fine * scale }
+        Levels { wide: sum.wide * scale / wide_share, fine: sum.fine * scale / fine_share }
     }
 
     /// Photons per area around `s`.
