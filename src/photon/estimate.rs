@@ -101,6 +101,15 @@ pub struct Estimator {
     pub kernel: Kernel,
 }
 
+/// The photons that take part in an estimate.
+#[derive(Clone, Copy, Debug)]
+pub struct Photons {
+    /// Fewest and most segments flown.
+    pub depths: (u32, u32),
+    /// Whether those of caustics do.
+    pub caustics: bool,
+}
+
 /// The radius of the fine level of an estimate, as a share of the wide one's.
 const FINE: f32 = 0.5;
 
@@ -114,8 +123,7 @@ pub struct Levels {
 }
 
 impl Estimator {
-    /// Radiance that `share` of the BSDF at `s` reflects towards `wo` (world) out of the map's light, from photons
-    /// that flew at least `depths.0` and at most `depths.1` segments.
+    /// Radiance that `share` of the BSDF at `s` reflects towards `wo` (world) out of the light in `what`.
     ///
     /// The radius is the shrunk distance R of the k-th photon. That photon itself does not count: given R, the
     /// other k − 1 are distributed over the disk as the light is, which makes the sum unbiased where light is
@@ -126,11 +134,11 @@ impl Estimator {
         s: &Surface,
         wo: Vec3,
         share: Share,
-        depths: (u32, u32),
+        what: Photons,
         heap: &mut KnnHeap,
     ) -> Levels {
         let wo = s.frame.to_local(wo);
-        if !s.bsdf.scatters_on(wo) {
+        if map.is_empty() || !s.bsdf.scatters_on(wo) {
             return Levels::default();
         }
         let r2_full = self.nearest(map, s, heap);
@@ -159,7 +167,7 @@ impl Estimator {
                 continue;
             }
             let depth = map.depth(slot);
-            if depth < depths.0 || depth > depths.1 {
+            if depth < what.depths.0 || depth > what.depths.1 || (!what.caustics && map.is_caustic(slot)) {
                 continue;
             }
             if own.is_some_and(|facet| !facet.contains(facet.project(map.tree().position(slot)))) {
