@@ -129,7 +129,8 @@ mod tests {
             let error = (Record::new(&photon).flux() - flux).abs().max_element();
             assert!(error <= magnitude * 2f32.powi(-15), "{magnitude}: {error}");
         }
-        let dark = Photon { p: Vec3::ZERO, wi: Vec3::Z, n_g: Vec3::Z, flux: Rgb::ZERO, depth: 1, caustic: false };
+        let dark =
+            Photon { p: Vec3::ZERO, wi: Vec3::Z, n_g: Vec3::Z, flux: Rgb::ZERO, depth: 1, caustic: false };
         assert_eq!(Record::new(&dark).flux(), Rgb::ZERO);
     }
 }
