@@ -48,8 +48,9 @@ impl Kernel {
             Kernel::Constant => angle - second,
             // 1 − 3ρ² + 2ρ³
             Kernel::Cone => {
-                let third =
-                    0.5 * (second * (d2 + s2).sqrt() + if d == 0.0 { 0.0 } else { d * d2 * (s / d).asinh() });
+                let third = 0.5
+                    * (second * (d2 + s2).sqrt()
+                        + if d == 0.0 { 0.0 } else { d * d2 * (s / d.abs()).asinh() });
                 angle - 3.0 * second + 2.0 * third
             }
             // (1 − ρ²)²
@@ -83,8 +84,10 @@ impl Kernel {
                 }
             }
         }
-        // Rounding leaves something of the point itself.
-        (1.0 - cut / (2.0 * PI)).clamp(1e-3, 1.0)
+        let inside = 1.0 - cut / (2.0 * PI);
+        // More than all is left where rounding has put the point outside, so that nothing was there to cut from.
+        let covered = if inside > 1.0 + 1e-5 { inside - 1.0 } else { inside };
+        covered.clamp(1e-3, 1.0)
     }
 }
 
@@ -227,4 +230,75 @@ pub(super) fn scattered(s: &Surface, wo: Vec3, wi: Vec3, share: Share) -> Rgb {
 /// one.
 fn shading_ratio(wi_s: f32, wi_g: f32) -> f32 {
     wi_s.abs() / wi_g.abs().max(1e-4)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{Sampler, Stream};
+    use crate::shape::{Facets, Geometry, Mesh, Shape};
+    use glam::Affine3A;
+
+    const KERNELS: [Kernel; 4] = [Kernel::Constant, Kernel::Cone, Kernel::Epanechnikov, Kernel::Biweight];
+
+    /// A floor of 2 by 2 with a box of 0.5 by 0.5 in its middle.
+    fn floor() -> Facets {
+        let shapes = [
+            Mesh::rectangle(Affine3A::IDENTITY),
+            Mesh::cube(Affine3A::from_scale(Vec3::splat(0.25)) * Affine3A::from_translation(Vec3::Z)),
+        ];
+        Facets::new(&Geometry { shapes: shapes.map(Shape::Mesh).into() })
+    }
+
+    /// Against a midpoint sum over 400 by 400 squares, which is good to 0.003 where the kernel jumps.
+    #[test]
+    fn coverage_is_the_kernels_integral_over_the_facet() {
+        let facets = floor();
+        let facet = facets.get(0, 0).unwrap();
+        let mut rng = Sampler::new(3, Stream::Eye, 0, 0);
+        for i in 0..60 {
+            let p = loop {
+                let p = Vec3::new(2.0 * rng.next_1d() - 1.0, 2.0 * rng.next_1d() - 1.0, 0.0);
+                if facet.contains(facet.project(p)) {
+                    break p;
+                }
+            };
+            // On the edge of the floor and in its corner, too.
+            let p = match i {
+                0 => Vec3::new(1.0, 0.3, 0.0),
+                1 => Vec3::new(1.0 - 1e-6, 1.0 - 1e-6, 0.0),
+                _ => p,
+            };
+            let r = 0.02 + 0.8 * rng.next_1d();
+            for kernel in KERNELS {
+                const N: usize = 400;
+                let at = |i: usize| (2.0 * (i as f32 + 0.5) / N as f32 - 1.0) * r;
+                let mut sum = 0.0;
+                for (x, y) in (0..N * N).map(|i| (at(i % N), at(i / N))) {
+                    let t2 = (x * x + y * y) / (r * r);
+                    if t2 < 1.0 && facet.contains(facet.project(p + Vec3::new(x, y, 0.0))) {
+                        sum += kernel.weight(t2) as f64;
+                    }
+                }
+                let brute = sum * (2.0 / N as f64).powi(2) / std::f64::consts::PI;
+                let exact = kernel.coverage(facet, facet.project(p), r) as f64;
+                assert!((exact - brute).abs() < 4e-3, "{kernel:?} at {p}, radius {r}: {exact} {brute}");
+            }
+        }
+    }
+
+    #[test]
+    fn known_shares() {
+        let facets = floor();
+        let facet = facets.get(0, 0).unwrap();
+        for kernel in KERNELS {
+            let share = |x, y, r| kernel.coverage(facet, facet.project(Vec3::new(x, y, 0.0)), r);
+            assert_eq!(share(0.6, 0.6, 0.1), 1.0);
+            for (x, y, expected) in [(1.0, 0.6, 0.5), (0.25, 0.0, 0.5), (1.0, 1.0, 0.25), (-0.25, 0.25, 0.75)]
+            {
+                let got = share(x - 1e-6, y - 2e-6, 0.2);
+                assert!((got - expected).abs() < 1e-4, "{kernel:?} {x} {y}: {got}");
+            }
+        }
+    }
 }

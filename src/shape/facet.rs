@@ -236,3 +236,131 @@ fn cut_contacts(facets: &mut [Facet]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{Sampler, Stream};
+    use crate::shape::Sphere;
+    use glam::Affine3A;
+
+    fn facets(meshes: Vec<Mesh>) -> Facets {
+        Facets::new(&Geometry { shapes: meshes.into_iter().map(Shape::Mesh).collect() })
+    }
+
+    fn mesh(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Mesh {
+        let positions = positions.iter().map(|&p| Vec3::from_array(p)).collect();
+        Mesh { positions, triangles: triangles.to_vec(), ..Mesh::default() }
+    }
+
+    /// Signed area of what the edges enclose.
+    fn area(facet: &Facet) -> f32 {
+        facet.edges().iter().map(|[a, b]| 0.5 * a.perp_dot(*b)).sum()
+    }
+
+    #[test]
+    fn a_cube_has_six_squares() {
+        let to_world = Affine3A::from_rotation_x(0.4) * Affine3A::from_translation(Vec3::new(3.0, -7.0, 9.0));
+        let cube = facets(vec![Mesh::cube(to_world)]);
+        assert_eq!(cube.facets.len(), 6);
+        for triangle in 0..12 {
+            let facet = cube.get(0, triangle).unwrap();
+            assert_eq!(facet.edges().len(), 4);
+            assert!((area(facet) - 4.0).abs() < 1e-5);
+            let center = to_world.transform_point3(Vec3::ZERO);
+            assert!(((facet.origin - center).dot(facet.normal()) - 1.0).abs() < 1e-5, "it faces outwards");
+        }
+        assert!(cube.get(0, 12).is_none() && cube.get(1, 0).is_none());
+    }
+
+    /// Vertices that only texture coordinates part are one; an L is not convex; a fold of 6 degrees goes on.
+    #[test]
+    fn polygons_are_put_together() {
+        let l = mesh(
+            &[
+                [0., 0., 0.],
+                [2., 0., 0.],
+                [2., 1., 0.],
+                [0., 1., 0.], // below
+                [0., 1., 0.],
+                [1., 1., 0.],
+                [1., 2., 0.],
+                [0., 2., 0.], // above, welded along part of an edge only
+            ],
+            &[[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]],
+        );
+        let two = facets(vec![l]);
+        assert_eq!(two.facets.len(), 2, "edges that only touch in part are no neighbours");
+        let split = mesh(
+            &[[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 0., 0.], [1., 1., 0.], [0., 1., 0.]],
+            &[[0, 1, 2], [3, 4, 5]],
+        );
+        let one = facets(vec![split]);
+        let facet = one.get(0, 1).unwrap();
+        assert_eq!((one.facets.len(), facet.edges().len(), area(facet)), (1, 4, 1.0));
+        for (x, y, inside) in [(0.5, 0.2, true), (0.2, 0.5, true), (1.1, 0.5, false), (0.5, -0.1, false)] {
+            assert_eq!(facet.contains(facet.project(Vec3::new(x, y, 0.0))), inside, "{x} {y}");
+        }
+        let fold = |height| {
+            mesh(
+                &[[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.], [2., 0., height], [2., 1., height]],
+                &[[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]],
+            )
+        };
+        assert_eq!(facets(vec![fold(0.1)]).facets.len(), 0);
+        assert_eq!(facets(vec![fold(1.0)]).facets.len(), 2);
+    }
+
+    /// Six steps from pole to pole turn by 30 degrees at edges: facets. Sixty go on smoothly: none.
+    #[test]
+    fn curved_surfaces_have_none() {
+        let drum = |n: u32| {
+            let mut m = Mesh::default();
+            for i in 0..n {
+                let angle = i as f32 / n as f32 * std::f32::consts::TAU;
+                let (y, x) = angle.sin_cos();
+                m.positions.extend([Vec3::new(x, y, 0.0), Vec3::new(x, y, 1.0)]);
+                let (a, b, c, d) = (2 * i, 2 * i + 1, 2 * (i + 1) % (2 * n), (2 * (i + 1) + 1) % (2 * n));
+                m.triangles.extend([[a, c, d], [a, d, b]]);
+            }
+            facets(vec![m]).facets.len()
+        };
+        assert_eq!((drum(6), drum(60)), (6, 0));
+        let sphere = Sphere::new(Vec3::ZERO, 1.0, Affine3A::IDENTITY, false).unwrap();
+        assert!(Facets::new(&Geometry { shapes: vec![Shape::Sphere(sphere)] }).get(0, 0).is_none());
+    }
+
+    #[test]
+    fn boxes_leave_holes_where_they_stand() {
+        let floor = Mesh::rectangle(Affine3A::from_scale(Vec3::splat(5.0)));
+        let stand = |p: Vec3| Mesh::cube(Affine3A::from_translation(p));
+        let area = |height: f32, x: f32| {
+            let scene = facets(vec![floor.clone(), stand(Vec3::new(x, 0.0, 1.0 + height))]);
+            area(scene.get(0, 0).unwrap())
+        };
+        assert!((area(0.0, 1.0) - 96.0).abs() < 1e-4);
+        assert!((area(0.001, 1.0) - 96.0).abs() < 1e-4);
+        assert_eq!(area(0.5, 1.0), 100.0, "light gets under it");
+        assert_eq!(area(0.0, 4.5), 100.0, "it stands out over the edge");
+        let scene = facets(vec![floor, stand(Vec3::Z)]);
+        let facet = scene.get(0, 0).unwrap();
+        let inside = |x, y| facet.contains(facet.project(Vec3::new(x, y, 0.0)));
+        assert!(inside(1.5, 0.0) && !inside(0.5, 0.0) && !inside(5.5, 0.0));
+    }
+
+    /// Neither slivers, nor triangles of no area, nor edges shared by three break anything.
+    #[test]
+    fn broken_meshes_have_fewer_facets() {
+        let mut rng = Sampler::new(5, Stream::Eye, 0, 0);
+        for _ in 0..200 {
+            let mut random = |n: u32| (rng.next_1d() * n as f32) as u32;
+            let positions: Vec<[f32; 3]> =
+                (0..6).map(|_| std::array::from_fn(|_| random(3) as f32)).collect();
+            let triangles: Vec<[u32; 3]> = (0..12).map(|_| std::array::from_fn(|_| random(6))).collect();
+            let found = facets(vec![mesh(&positions, &triangles)]);
+            for facet in &found.facets {
+                assert!(facet.edges().iter().flatten().all(|p| p.is_finite()));
+            }
+        }
+    }
+}
