@@ -315,8 +315,8 @@ impl Film {
             .map(|[covariance, square, variance]| {
                 let bias = (*square - *variance * SIGNIFICANT).element_sum().max(0.0);
                 let wide = covariance.element_sum() / (variance.element_sum() + bias);
-                // NaN where both levels are the same, and where nothing is known yet.
-                if !halves || !(wide < 1.0) { 0.0 } else { (1.0 - wide.max(0.0)) as f32 }
+                // Not for NaN: both levels are the same.
+                if halves && wide < 1.0 { (1.0 - wide.max(0.0)) as f32 } else { 0.0 }
             })
             .collect();
         let mixture = |pixel: usize| {

@@ -213,7 +213,7 @@ impl Estimator {
             // Near the tangent plane, and on a surface that faces the same way: no leaks through thin walls or
             // around corners.
             let h = s.n_g.dot(map.tree().position(slot) - s.p);
-            h * h <= 0.1 * d2 && map.n_g(slot).dot(s.n_g) > 0.7
+            h * h <= 0.1 * d2 && map.faces(slot, s.n_g, 0.7)
         });
         if heap.is_full() { heap.max_dist2() } else { self.r_max * self.r_max }
     }

@@ -11,9 +11,14 @@ fn project(v: Vec3) -> Vec2 {
 
 /// The inverse of [`project`].
 fn unproject(p: Vec2) -> Vec3 {
-    let z = 1.0 - p.x.abs() - p.y.abs();
-    let xy = if z >= 0.0 { p } else { (1.0 - Vec2::new(p.y, p.x).abs()) * sign(p) };
-    xy.extend(z).normalize()
+    unfold(p, 1.0).normalize()
+}
+
+/// From the square [−one, one]² to the octahedron.
+fn unfold(p: Vec2, one: f32) -> Vec3 {
+    let z = one - p.x.abs() - p.y.abs();
+    let xy = if z >= 0.0 { p } else { (one - Vec2::new(p.y, p.x).abs()) * sign(p) };
+    xy.extend(z)
 }
 
 fn sign(p: Vec2) -> Vec2 {
@@ -36,8 +41,17 @@ pub(super) fn encode8(v: Vec3) -> [i8; 2] {
 }
 
 /// The inverse of [`encode8`].
-pub(super) fn decode8(v: [i8; 2]) -> Vec3 {
+#[cfg(test)]
+fn decode8(v: [i8; 2]) -> Vec3 {
     unproject(Vec2::new(v[0] as f32, v[1] as f32) / 127.0)
+}
+
+/// Whether the direction that `encode8` has packed and the unit vector `n` make an angle whose cosine exceeds `cos`,
+/// which is positive. Needs neither division nor root: every photon that a search comes by is asked.
+pub(super) fn agrees8(v: [i8; 2], n: Vec3, cos: f32) -> bool {
+    let v = unfold(Vec2::new(v[0] as f32, v[1] as f32), 127.0);
+    let dot = v.dot(n);
+    dot > 0.0 && dot * dot > cos * cos * v.length_squared()
 }
 
 #[cfg(test)]
@@ -53,6 +67,12 @@ mod tests {
         for v in axes.into_iter().chain(random) {
             assert!((decode16(encode16(v)) - v).length() < 6.5e-5, "{v}");
             assert!((decode8(encode8(v)) - v).length() < 1.7e-2, "{v}");
+            for n in axes {
+                let cos = decode8(encode8(v)).dot(n);
+                if (cos - 0.7).abs() > 1e-5 {
+                    assert_eq!(agrees8(encode8(v), n, 0.7), cos > 0.7, "{v} {n}");
+                }
+            }
         }
     }
 }
