@@ -181,10 +181,8 @@ impl<'a> Stats<'a> {
             self.peak_rss_bytes >> 20
         ));
         let error = RelativeError { noise: self.estimated_noise, bias: self.estimated_bias };
-        let error = match self.passes {
-            0 | 1 => String::new(),
-            _ => format!(", {}", error_text(&error)),
-        };
+        // Passes of one half only tell nothing.
+        let error = if error.total() > 0.0 { format!(", {}", error_text(&error)) } else { String::new() };
         let passes = if self.passes == 1 { "pass" } else { "passes" };
         let from = if self.first_pass == 0 { String::new() } else { format!(" from {}", self.first_pass) };
         let interrupted = if self.interrupted { ", interrupted" } else { "" };
