@@ -120,7 +120,9 @@ say "requeueing task 0 in the midst of it"
 scontrol requeue "${job}_0"
 wait_for_part "$(printf '%06d' "$passes")"
 say "telling task 1 that its time is nearly up"
-scancel --batch --signal=USR1 "${job}_1"
+id="$(squeue -h -r -o '%i %A' | sed -n "s/^${job}_1 //p")"
+# It may try again although the signal got through, and complain in the end.
+scancel --batch --signal=USR1 "$id" || true
 
 say "waiting"
 for _ in {1..600}; do
@@ -130,6 +132,10 @@ done
 squeue >&2
 tail -n +1 -- *.log >&2
 [[ -e out.exr ]] || { tail -n 40 "$dir/slurmctld.log" "$dir/slurmd.log" >&2; exit 1; }
+
+for task in 0 1; do
+    grep -q ', interrupted' "caustica-${job}_$task.log" || { say "task $task was not interrupted"; exit 1; }
+done
 
 say "the same in a single run"
 mkdir single
