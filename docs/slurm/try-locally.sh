@@ -32,7 +32,13 @@ PATH="$(dirname "$(realpath "$CAUSTICA")"):$PATH:/usr/sbin"
 dir="$(mktemp -d)"
 chmod 755 "$dir"
 daemons=()
+job=""
 stop() {
+    # Tasks outlive the daemons. $job is set once SLURM_CONF names our own cluster.
+    if [[ -n "$job" && -n "$(squeue -h)" ]]; then
+        scancel "$job" || true
+        sleep 8
+    fi
     for pid in "${daemons[@]}"; do
         kill "$pid" 2>/dev/null || true
     done
