@@ -225,6 +225,40 @@ mod tests {
         assert!((a.t_min / b.t_min - 2.0).abs() < 1e-5);
     }
 
+    /// A point of the ray through a film position is seen there; the film's area per surface area is that of the
+    /// parallelogram that two small steps on the surface make on the film.
+    #[test]
+    fn connections_are_rays_backwards() {
+        let shift = Vec2::new(0.1, -0.2);
+        let scaled = pose() * Affine3A::from_scale(Vec3::splat(2.5));
+        let cameras = [
+            Camera { principal_offset: shift, ..camera(FovAxis::Y) },
+            Camera { aperture_radius: 0.2, focus_distance: 4.0, ..camera(FovAxis::X) },
+            Camera { aperture_radius: 0.3, focus_distance: 2.0, to_world: scaled, ..camera(FovAxis::X) },
+        ];
+        for camera in cameras {
+            for (film, lens) in
+                [([0.1, 0.8], [0.3, 0.9]), ([0.95, 0.2], [0.7, 0.1]), ([0.5, 0.5], [0.1, 0.4])]
+            {
+                let (film, lens) = (Vec2::from(film), Vec2::from(lens));
+                let ray = camera.ray(film, lens);
+                let p = ray.at(6.0);
+                let n = Vec3::new(0.48, -0.6, 0.64);
+                let seen = camera.connect(p, n, lens).unwrap();
+                assert!(seen.lens.abs_diff_eq(ray.o, 1e-5), "{} {}", seen.lens, ray.o);
+                assert!(seen.film.abs_diff_eq(film, 1e-5), "{} {film}", seen.film);
+                let (s, t) = n.any_orthonormal_pair();
+                let step = |d: Vec3| {
+                    let film = |h: f32| camera.connect(p + d * h, n, lens).unwrap().film;
+                    (film(0.02) - film(-0.02)) / 0.04
+                };
+                let area = step(s).perp_dot(step(t)).abs();
+                assert!((seen.film_per_area / area - 1.0).abs() < 2e-3, "{} {area}", seen.film_per_area);
+            }
+        }
+        assert!(camera(FovAxis::X).connect(pose().transform_point3(-Vec3::Z), Vec3::Z, Vec2::ZERO).is_none());
+    }
+
     #[test]
     fn nonsense_is_refused_and_the_unseen_not_projected() {
         let make = |m, fov, aspect| Camera::perspective(m, fov, FovAxis::X, aspect);

@@ -114,6 +114,11 @@ impl Sum {
         self.high = sum;
     }
 
+    fn merge(&mut self, other: Sum) {
+        self.add_double(other.high);
+        self.low += other.low;
+    }
+
     fn value(self) -> DVec3 {
         self.high + self.low
     }
@@ -139,11 +144,10 @@ pub struct Film {
     sums: Vec<Sum>,
 }
 
-/// The half that a pass belongs to: blocks of passes take turns, whose length grows as the root of their number. Passes
-/// are stratified against each other, and the more so the longer the block.
-fn half(pass: u32) -> usize {
-    let block = (pass + 1).ilog2() / 2;
-    (pass >> block & 1) as usize
+/// The half that a pass belongs to, 0 or 1. Passes are stratified against the others of their half only: halves share
+/// no random numbers.
+pub fn half(pass: u32) -> u32 {
+    pass % 2
 }
 
 /// What a pass shows at a pixel.
@@ -189,8 +193,15 @@ impl RelativeError {
 /// Half the width of the windows that statistics are smoothed over, in pixels.
 const WINDOW: usize = 2;
 
+/// The multiple of its variance from which on the square of the levels' difference counts as bias: it is as noisy as
+/// the variance itself, and a share of fine that answers to noise costs more than a little bias does.
+const SIGNIFICANT: f64 = 2.0;
+
 /// What is added to squares before they divide, as in `relmse`.
 const FLOOR: f64 = 0.01;
+
+/// Relative error of a sample's f32 arithmetic: no pixel is known better.
+const ROUNDING: f64 = 1.0 / 65536.0;
 
 impl Film {
     /// An empty film of the crop's size. With `fine`, passes bring the picture at two levels. `layers` is the number
@@ -223,7 +234,7 @@ impl Film {
         pixel: impl Fn(usize, usize, &mut S, &mut Values) + Sync,
     ) -> Vec<S> {
         let (levels, layers, stride) = (self.levels, self.layers, self.stride());
-        let half = half(pass);
+        let half = half(pass) as usize;
         self.passes[half] += 1;
         let rows = self.sums.par_chunks_mut(self.width * stride).enumerate().map(|(y, sums)| {
             let mut scratch = row();
@@ -242,7 +253,7 @@ impl Film {
     /// Adds light to the fine picture of a pass already added, and to `layer`.
     pub fn splat(&mut self, pass: u32, pixel: usize, value: Rgb, layer: Option<usize>) {
         let at = pixel * self.stride();
-        self.sums[at + half(pass) * self.levels + self.levels - 1].add(value);
+        self.sums[at + half(pass) as usize * self.levels + self.levels - 1].add(value);
         if let Some(layer) = layer {
             self.sums[at + 2 * self.levels + layer].add(value);
         }
@@ -251,10 +262,7 @@ impl Film {
     /// Adds all passes of `other`, which must be of the same shape.
     pub fn merge(&mut self, other: &Film) {
         assert_eq!((self.stride(), self.sums.len()), (other.stride(), other.sums.len()), "films differ");
-        for (sum, other) in self.sums.iter_mut().zip(&other.sums) {
-            sum.add_double(other.high);
-            sum.low += other.low;
-        }
+        self.sums.iter_mut().zip(&other.sums).for_each(|(sum, &other)| sum.merge(other));
         for (n, other) in self.passes.iter_mut().zip(other.passes) {
             *n += other;
         }
@@ -297,10 +305,11 @@ impl Film {
 
     /// The picture, and how far it is to be trusted.
     ///
-    /// Let W be the wide picture, F the fine one, free of bias for what matters, and D = F − W. The pixel shows
-    /// W + sD, with the share s that makes the expected error of F + (s − 1)D least: 1 − s = cov(F, D) / E\[D²\],
-    /// which takes the second moments about the truth. They are averaged over windows of 5×5 pixels; covariances
-    /// come from the halves' difference. As passes grow in number, noise vanishes, and s goes to 1 wherever W is biased.
+    /// Let F be the fine picture, free of bias for what matters, and D = F − W its difference from the wide one. The
+    /// pixel shows W + sD, with the share s that makes the expected square of its error least: 1 − s = cov(F, D) / E\[D²\].
+    /// Covariances come from the halves' difference, E\[D²\] = var D + bias², where only what clearly exceeds the noise
+    /// of D counts as bias; all are means over windows of 5×5 pixels. As passes grow in number, noise vanishes, and s
+    /// goes to 1 wherever W is biased.
     pub fn resolve(&self) -> Resolved {
         let blend = self.windowed(|pixel| {
             let [(_, wide_noise), (difference, noise)] = self.levels(pixel);
@@ -310,8 +319,9 @@ impl Film {
         let halves = self.passes.iter().all(|&n| n > 0);
         let fine: Vec<f32> = blend
             .iter()
-            .map(|[covariance, square, _]| {
-                let wide = covariance.element_sum() / square.element_sum();
+            .map(|[covariance, square, variance]| {
+                let bias = (*square - *variance * SIGNIFICANT).element_sum().max(0.0);
+                let wide = covariance.element_sum() / (variance.element_sum() + bias);
                 // NaN where both levels are the same, and where nothing is known yet.
                 if !halves || !(wide < 1.0) { 0.0 } else { (1.0 - wide.max(0.0)) as f32 }
             })
@@ -324,7 +334,8 @@ impl Film {
         // Noise goes with brightness, so it is relative noise that is smoothed.
         let noise = self.windowed(|pixel| {
             let (value, noise) = mixture(pixel);
-            [noise * noise / (value * value + FLOOR), value, DVec3::ZERO]
+            let rounding = value * ROUNDING;
+            [(noise * noise + rounding * rounding) / (value * value + FLOOR), value, DVec3::ZERO]
         });
         let n = self.width * self.height;
         let mut error = (0.0, 0.0);
@@ -335,6 +346,7 @@ impl Film {
             let [relative_variance, around, _] = noise[pixel];
             let [_, square, variance] = blend[pixel];
             let left = 1.0 - f64::from(fine[pixel]);
+            // Bias that may hide in the noise is counted rather than left out.
             let bias = (square - variance).max(DVec3::ZERO) * (left * left);
             // A lone bright pixel must not hide its own error.
             let scale = around * around + FLOOR;
@@ -403,6 +415,7 @@ impl Film {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::{Sampler, Stream};
 
     /// Compares the distribution of one axis with the filter's density, integrated over bins.
     fn matches(filter: Filter, radius: f64, density: impl Fn(f64) -> f64) {
@@ -431,12 +444,192 @@ mod tests {
         }
     }
 
+    /// The same for [`Filter::density`]: its ratio to the density must be 1 over the integral everywhere.
+    fn has_density(filter: Filter, density: impl Fn(f64) -> f64) {
+        let radius = filter.radius() as f64;
+        let at = |i: usize| radius * ((i as f64 + 0.5) / 500.0 - 1.0);
+        let total: f64 = (0..1000).map(|i| density(at(i))).sum::<f64>() * radius / 500.0;
+        for i in 0..1000 {
+            let own = filter.density(Vec2::new(at(i) as f32, 0.0)) / filter.density(Vec2::ZERO)
+                * density(0.0) as f32
+                / total as f32;
+            let expected = density(at(i)) / total;
+            assert!(
+                (own as f64 - expected).abs() < 2e-4 / radius,
+                "{filter:?} at {}: {own} {expected}",
+                at(i)
+            );
+        }
+        let peak = (density(0.0) / total).powi(2);
+        assert!((filter.density(Vec2::ZERO) as f64 / peak - 1.0).abs() < 1e-3, "{filter:?}");
+        assert_eq!(filter.density(Vec2::new(0.0, filter.radius() * 1.001)), 0.0);
+    }
+
     #[test]
-    fn filters_are_sampled_exactly() {
-        matches(Filter::Box, 0.5, |_| 1.0);
-        matches(Filter::Tent { radius: 1.5 }, 1.5, |x| 1.0 - x.abs() / 1.5);
+    fn filters_are_sampled_exactly_and_know_their_density() {
+        let check = |filter: Filter, density: fn(f64) -> f64| {
+            matches(filter, filter.radius() as f64, density);
+            has_density(filter, density);
+        };
+        check(Filter::Box, |_| 1.0);
+        check(Filter::Tent { radius: 1.5 }, |x| 1.0 - x.abs() / 1.5);
         // Mitsuba 3's Gaussian.
-        matches(Filter::Gaussian { stddev: 0.5 }, 2.0, |x| (-2.0 * x * x).exp() - (-8.0f64).exp());
-        matches(Filter::Gaussian { stddev: 2.0 }, 8.0, |x| (-0.125 * x * x).exp() - (-8.0f64).exp());
+        check(Filter::Gaussian { stddev: 0.5 }, |x| (-2.0 * x * x).exp() - (-8.0f64).exp());
+        check(Filter::Gaussian { stddev: 2.0 }, |x| (-0.125 * x * x).exp() - (-8.0f64).exp());
+    }
+
+    fn uniform(rng: &mut Sampler) -> f64 {
+        rng.next_1d() as f64 + (rng.next_1d() as f64) / 16_777_216.0
+    }
+
+    /// Standard normal, good enough: twelve uniforms.
+    fn normal(rng: &mut Sampler) -> f32 {
+        (0..12).map(|_| uniform(rng)).sum::<f64>() as f32 - 6.0
+    }
+
+    fn random(set: u64) -> Sampler {
+        Sampler::new(11, Stream::Eye, set, 0)
+    }
+
+    /// Halves, thirds and any order of 4096 values over eighteen magnitudes give the same bits.
+    #[test]
+    fn sums_do_not_depend_on_order() {
+        let mut rng = random(1);
+        for _ in 0..50 {
+            let mut values: Vec<Rgb> = (0..4096)
+                .map(|_| {
+                    let magnitude = 10f32.powf(18.0 * rng.next_1d() - 9.0);
+                    Rgb::new(rng.next_1d(), rng.next_1d() - 0.5, 1.0) * magnitude
+                })
+                .collect();
+            let sum = |values: &[Rgb]| {
+                let mut sum = Sum::default();
+                values.iter().for_each(|&v| sum.add(v));
+                sum
+            };
+            let expected = sum(&values).value();
+            for cut in [1, 1000, 2048, 4095] {
+                let (mut a, b) = (sum(&values[..cut]), sum(&values[cut..]));
+                a.merge(b);
+                assert_eq!(a.value(), expected);
+            }
+            for i in (1..values.len()).rev() {
+                values.swap(i, (uniform(&mut rng) * (i + 1) as f64) as usize);
+            }
+            assert_eq!(sum(&values).value(), expected);
+        }
+    }
+
+    fn settings(width: u32, height: u32) -> FilmSettings {
+        FilmSettings { size: (width, height), crop: (0, 0, width, height), filter: Filter::Box }
+    }
+
+    /// A film of passes whose wide picture is 1 + bias with little noise, and whose fine one is 1 with much.
+    fn film(passes: u32, bias: f32, wide_noise: f32, fine_noise: f32) -> Film {
+        let mut film = Film::new(&settings(40, 30), true, 0);
+        for pass in 0..passes {
+            film.add_pass(
+                pass,
+                || (),
+                |x, y, (), out| {
+                    let mut rng = random((pass as usize * 1200 + y * 40 + x) as u64);
+                    out.picture[0] = Rgb::splat(1.0 + bias + wide_noise * normal(&mut rng));
+                    out.picture[1] = Rgb::splat(1.0 + fine_noise * normal(&mut rng));
+                },
+            );
+        }
+        film
+    }
+
+    fn share(resolved: &Resolved) -> f32 {
+        resolved.fine.iter().sum::<f32>() / resolved.fine.len() as f32
+    }
+
+    /// RMS deviation from 1.
+    fn error(image: &Image) -> f64 {
+        let sum: f64 = image.pixels.iter().map(|p| (p.x as f64 - 1.0).powi(2)).sum();
+        (sum / image.pixels.len() as f64).sqrt()
+    }
+
+    /// The error is at most 1.4 times that of the best mixture of known bias and noise. It is known within a quarter, but
+    /// for bias that may hide in the fine level's noise.
+    #[test]
+    fn pixels_show_the_mixture_of_least_error_and_know_it() {
+        for passes in [16, 17, 64] {
+            for (bias, wide_noise, fine_noise) in
+                [(0.0, 0.1, 1.0), (0.1, 0.1, 1.0), (0.5, 0.2, 0.4), (-1.0, 0.1, 0.1)]
+            {
+                let resolved = film(passes, bias, wide_noise, fine_noise).resolve();
+                let n = passes as f64;
+                let (wide, fine) = (
+                    (bias as f64).powi(2) + (wide_noise as f64).powi(2) / n,
+                    (fine_noise as f64).powi(2) / n,
+                );
+                // Of two estimates with independent errors, weighted by the inverse of their squares.
+                let best = 1.0 / (1.0 / wide + 1.0 / fine);
+                let (actual, known) = (error(&resolved.image), resolved.error.total());
+                let what =
+                    format!("{passes} passes, bias {bias}: share {:.2}, error {actual:.4}", share(&resolved));
+                println!("{what}, best {:.4}, estimated {known:.4}", best.sqrt());
+                assert!(actual < 1.4 * best.sqrt(), "{what}, best {:.4}", best.sqrt());
+                let hidden = 0.3 * fine.sqrt();
+                assert!(
+                    known > 0.75 * actual && known < 1.25 * actual.hypot(hidden),
+                    "{what}, estimated {known:.4}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_single_level_needs_no_choice_and_one_pass_no_estimate() {
+        let mut film = Film::new(&settings(7, 5), false, 1);
+        for pass in 0..3 {
+            film.add_pass(
+                pass,
+                || (),
+                |x, _, (), out| {
+                    out.picture[0] = Rgb::splat((x as u32 + pass) as f32);
+                    out.layers[0] = Rgb::splat(pass as f32);
+                },
+            );
+            let resolved = film.resolve();
+            assert_eq!(resolved.image.pixels[3], Rgb::splat(3.0 + pass as f32 / 2.0));
+            assert_eq!(film.layer(0).pixels[3], Rgb::splat(pass as f32 / 2.0));
+            assert_eq!(resolved.error.bias, 0.0);
+            assert_eq!(resolved.error.noise > 0.0, pass > 0);
+        }
+    }
+
+    /// One broken sample spoils its own pixel, no other.
+    #[test]
+    fn what_is_not_finite_stays_where_it_is() {
+        let mut film = film(8, 0.1, 0.1, 0.5);
+        film.splat(3, 615, Rgb::new(1.0, f32::NAN, f32::INFINITY), None);
+        let resolved = film.resolve();
+        for image in [&resolved.image, &resolved.noise, &resolved.bias] {
+            for (i, pixel) in image.pixels.iter().enumerate() {
+                assert!(i == 615 || pixel.is_finite(), "pixel {i}: {pixel}");
+            }
+        }
+        assert!(!resolved.image.pixels[615].is_finite());
+        assert!(resolved.error.total().is_finite());
+    }
+
+    #[test]
+    fn merged_films_are_one() {
+        let whole = film(9, 0.2, 0.3, 0.4);
+        let mut rest = whole.clone();
+        let mut first = Film::new(&settings(40, 30), true, 0);
+        // Takes away the first pass, as a part that begins with the second.
+        first.merge(&film(1, 0.2, 0.3, 0.4));
+        rest.passes[0] -= 1;
+        for (sum, own) in rest.sums.iter_mut().zip(&first.sums) {
+            sum.add_double(-own.high);
+            sum.low -= own.low;
+        }
+        rest.merge(&first);
+        let (a, b) = (whole.resolve(), rest.resolve());
+        assert_eq!((a.image, a.noise, a.bias), (b.image, b.noise, b.bias));
     }
 }

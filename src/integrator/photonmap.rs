@@ -6,7 +6,7 @@ use super::{DirectLight, Params, Parts, Seen};
 use crate::bsdf::{BsdfSample, Mode, Share};
 use crate::math::{Ray, Rgb, Sampler, luminance};
 use crate::photon::kdtree::KnnHeap;
-use crate::photon::{Estimator, Levels, Photon, PhotonMap, Splat, Splatter, Store, trace};
+use crate::photon::{Estimator, Levels, Photon, PhotonMap, Photons, Splat, Splatter, Store, trace};
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
 use std::time::Instant;
@@ -40,12 +40,9 @@ fn shrink(alpha: f32, pass: u32) -> f32 {
     product.sqrt() as f32
 }
 
-/// The photon passes of one pass of `params`: what each stores, and how many paths it emits.
-fn photon_passes(params: &Params, plan: &Plan) -> [(Store, u64); 2] {
-    // Gather rays end at the global map, so it holds all light; shown directly it stands beside the caustic map.
-    let global =
-        if params.final_gather || params.direct == DirectLight::Map { Store::All } else { Store::NotCaustic };
-    [(global, plan.global_photons), (Store::Caustic, plan.caustic_photons)]
+/// The photon passes of one pass: what each stores, and how many paths it emits.
+fn photon_passes(plan: &Plan) -> [(Store, u64); 2] {
+    [(Store::All, plan.global_photons), (Store::Caustic, plan.caustic_photons)]
 }
 
 /// The photons that pass number 0 stores, for looking at them; `true` marks those of the caustic map.
@@ -55,7 +52,7 @@ pub(super) fn photons(scene: &Scene, params: &Params, plan: &Plan, seed: u64) ->
         let photons = trace(scene, seed, 0, store, count, max_depth, None).photons;
         photons.into_iter().map(move |photon| (photon, store == Store::Caustic))
     };
-    photon_passes(params, plan).into_iter().flat_map(trace).collect()
+    photon_passes(plan).into_iter().flat_map(trace).collect()
 }
 
 impl Maps {
@@ -67,7 +64,7 @@ impl Maps {
         let splatter = Splatter { scene, hide_emitters: params.hide_emitters };
         let mut splats = Vec::new();
         let [(global, global_stored), (caustic, caustic_stored)] =
-            photon_passes(params, plan).map(|(store, count)| {
+            photon_passes(plan).map(|(store, count)| {
                 let start = Instant::now();
                 let splatter = (store == Store::Caustic).then_some(&splatter);
                 let traced = trace(scene, seed, pass, store, count, max_depth, splatter);
@@ -229,16 +226,19 @@ impl Eye<'_> {
             return [Parts::default(); 2];
         }
         let segments_left = self.params.max_segments() - walk.depth;
-        let (mut caustic, indirect);
+        let (mut caustic, mut indirect) = (Levels::default(), Levels::default());
         let mut direct = Rgb::ZERO;
         if walk.gathering {
-            caustic = Levels::default();
-            indirect = self.maps.gather(s, -walk.ray.d, segments_left, scratch);
+            indirect.fine = self.maps.gather(s, -walk.ray.d, segments_left, scratch);
         } else {
             (caustic, indirect) = self.maps.seen(self.params, s, -walk.ray.d, segments_left, scratch);
             if walk.depth == 1 {
                 // The splats show it.
                 caustic.fine = Rgb::ZERO;
+            }
+            if self.maps.final_gather {
+                // The gather ray finds it.
+                indirect.fine = Rgb::ZERO;
             }
             if self.params.direct == DirectLight::Sample {
                 if let Some(lit) = direct::sample_light(self.scene, s, wo, sampler, rays) {
@@ -327,9 +327,10 @@ impl Maps {
     }
 
     /// Radiance from a gather ray's hit: all light that arrives there and leaves by broad lobes.
-    fn gather(&self, s: &Surface, wo: Vec3, max_depth: u32, scratch: &mut Scratch) -> Levels {
-        let depths = (1, max_depth);
-        self.global_estimator.radiance(&self.global, s, wo, Share::BroadLight, depths, &mut scratch.global)
+    fn gather(&self, s: &Surface, wo: Vec3, max_depth: u32, scratch: &mut Scratch) -> Rgb {
+        let what = Photons { depths: (1, max_depth), caustics: true };
+        let heap = &mut scratch.global;
+        self.global_estimator.radiance(&self.global, s, wo, Share::BroadLight, what, heap).wide
     }
 
     /// What the caustic map and the global map show at a vertex that the eye sees.
@@ -342,18 +343,14 @@ impl Maps {
         scratch: &mut Scratch,
     ) -> (Levels, Levels) {
         let share = Share::BroadEye;
-        let (mut caustic, mut indirect) = (Levels::default(), Levels::default());
-        if !self.caustic.is_empty() {
-            let depths = (2, max_depth);
-            caustic =
-                self.caustic_estimator.radiance(&self.caustic, s, wo, share, depths, &mut scratch.caustic);
-        }
-        if !self.final_gather && !self.global.is_empty() {
-            let depths = (if params.direct == DirectLight::Map { 1 } else { 2 }, max_depth);
-            indirect =
-                self.global_estimator.radiance(&self.global, s, wo, share, depths, &mut scratch.global);
-        }
-        (caustic, indirect)
+        let caustics = Photons { depths: (2, max_depth), caustics: true };
+        let direct = params.direct == DirectLight::Map;
+        let others = Photons { depths: (if direct { 1 } else { 2 }, max_depth), caustics: false };
+        let (global, caustic) = (&self.global_estimator, &self.caustic_estimator);
+        (
+            caustic.radiance(&self.caustic, s, wo, share, caustics, &mut scratch.caustic),
+            global.radiance(&self.global, s, wo, share, others, &mut scratch.global),
+        )
     }
 
     /// Photons stored per area around `s`, in both maps.

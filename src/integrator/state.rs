@@ -4,7 +4,7 @@
 use super::photonmap::{Eye, Maps, Scratch};
 use super::plan::Plan;
 use super::{Budget, Kind, Options, Seen, path};
-use crate::film::{Film, FilmSettings, Filter, RelativeError, Values};
+use crate::film::{self, Film, FilmSettings, Filter, RelativeError, Values};
 use crate::image_io::{Channels, Image, Layer};
 use crate::math::{Rgb, Sampler, Stream};
 use crate::scene::Scene;
@@ -305,7 +305,8 @@ impl State {
         let pixel = |x: usize, y: usize, (scratch, rays): &mut (Scratch, u64), out: &mut Values| {
             let (x, y) = (x0 + x as u32, y0 + y as u32);
             let pixel = y as u64 * scene.film.size.0 as u64 + x as u64;
-            let mut sampler = Sampler::new(options.seed, Stream::Eye, pixel, index as u64);
+            let set = 2 * pixel + u64::from(film::half(index));
+            let mut sampler = Sampler::new(options.seed, Stream::Eye, set, u64::from(index / 2));
             let position = Vec2::new(x as f32, y as f32) + 0.5 + filter.sample(sampler.next_2d());
             let ray = scene.camera.ray(position / full, sampler.next_2d());
             let mut seen = Seen::default();

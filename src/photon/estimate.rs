@@ -5,7 +5,8 @@ use super::kdtree::KnnHeap;
 use crate::bsdf::{Mode, Share};
 use crate::math::Rgb;
 use crate::scene::Surface;
-use glam::Vec3;
+use crate::shape::Facet;
+use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 
 /// Kernels of density estimation, normalised over the disk.
@@ -33,6 +34,63 @@ impl Kernel {
     }
 }
 
+impl Kernel {
+    /// ∫ 1 − mass(ρ) dθ along a straight edge from the foot of the perpendicular out to `s`, seen from the point at
+    /// signed distance `d` from it: mass(ρ) is what of the kernel of radius 1 lies nearer than the edge is in direction
+    /// θ, ρ = d/cosθ = √(d² + s²) ≤ 1. Divided by 2π it is what an edge cuts off.
+    fn cut_off(self, d: f32, s: f32) -> f32 {
+        let angle = s.atan2(d.abs()).copysign(s * d);
+        let (d2, s2) = (d * d, s * s);
+        // ∫ (d secθ)ⁿ dθ for n = 2, 4, 6, in terms of s = d tanθ.
+        let (second, fourth) = (d * s, d * s * (d2 + s2 / 3.0));
+        match self {
+            // 1 − ρ²
+            Kernel::Constant => angle - second,
+            // 1 − 3ρ² + 2ρ³
+            Kernel::Cone => {
+                let third = 0.5
+                    * (second * (d2 + s2).sqrt()
+                        + if d == 0.0 { 0.0 } else { d * d2 * (s / d.abs()).asinh() });
+                angle - 3.0 * second + 2.0 * third
+            }
+            // (1 − ρ²)²
+            Kernel::Epanechnikov => angle - 2.0 * second + fourth,
+            // (1 − ρ²)³
+            Kernel::Biweight => {
+                let sixth = d * s * (d2 * d2 + (2.0 / 3.0) * d2 * s2 + s2 * s2 / 5.0);
+                angle - 3.0 * second + 3.0 * fourth - sixth
+            }
+        }
+    }
+
+    /// The share of the kernel of radius `r` around `p`, a point of `facet`, that lies on it.
+    pub fn coverage(self, facet: &Facet, p: Vec2, r: f32) -> f32 {
+        let mut cut = 0.0;
+        for &[a, b] in facet.edges() {
+            let along = b - a;
+            let length = along.length();
+            if length == 0.0 {
+                continue;
+            }
+            let u = along / length;
+            let d = u.perp_dot(p - a) / r;
+            if d.abs() < 1.0 {
+                // The part of the edge within the disk, measured from the foot of the perpendicular.
+                let reach = (1.0 - d * d).sqrt();
+                let foot = u.dot(p - a);
+                let (from, to) = ((-foot / r).max(-reach), ((length - foot) / r).min(reach));
+                if from < to {
+                    cut += self.cut_off(d, to) - self.cut_off(d, from);
+                }
+            }
+        }
+        let inside = 1.0 - cut / (2.0 * PI);
+        // More than all is left where rounding has put the point outside, so that nothing was there to cut from.
+        let covered = if inside > 1.0 + 1e-5 { inside - 1.0 } else { inside };
+        covered.clamp(1e-3, 1.0)
+    }
+}
+
 /// How one map is looked up in one pass.
 #[derive(Clone, Copy, Debug)]
 pub struct Estimator {
@@ -44,6 +102,15 @@ pub struct Estimator {
     pub shrink: f32,
     /// The kernel.
     pub kernel: Kernel,
+}
+
+/// The photons that take part in an estimate.
+#[derive(Clone, Copy, Debug)]
+pub struct Photons {
+    /// Fewest and most segments flown.
+    pub depths: (u32, u32),
+    /// Whether those of caustics do.
+    pub caustics: bool,
 }
 
 /// The radius of the fine level of an estimate, as a share of the wide one's.
@@ -59,8 +126,7 @@ pub struct Levels {
 }
 
 impl Estimator {
-    /// Radiance that `share` of the BSDF at `s` reflects towards `wo` (world) out of the map's light, from photons
-    /// that flew at least `depths.0` and at most `depths.1` segments.
+    /// Radiance that `share` of the BSDF at `s` reflects towards `wo` (world) out of the light in `what`.
     ///
     /// The radius is the shrunk distance R of the k-th photon. That photon itself does not count: given R, the
     /// other k − 1 are distributed over the disk as the light is, which makes the sum unbiased where light is
@@ -71,11 +137,11 @@ impl Estimator {
         s: &Surface,
         wo: Vec3,
         share: Share,
-        depths: (u32, u32),
+        what: Photons,
         heap: &mut KnnHeap,
     ) -> Levels {
         let wo = s.frame.to_local(wo);
-        if !s.bsdf.scatters_on(wo) {
+        if map.is_empty() || !s.bsdf.scatters_on(wo) {
             return Levels::default();
         }
         let r2_full = self.nearest(map, s, heap);
@@ -84,6 +150,14 @@ impl Estimator {
         if r2 <= 0.0 {
             return Levels::default();
         }
+        // What of the disk hangs over the edge of the surface holds no photons.
+        let r = r2.sqrt();
+        let at = s.facet.map(|facet| (facet, facet.project(s.p)));
+        let covered = |r| at.map_or(1.0, |(facet, p)| self.kernel.coverage(facet, p, r));
+        let wide_share = covered(r);
+        let fine_share = if wide_share < 1.0 { covered(FINE * r) } else { 1.0 };
+        // Across a seam, other surfaces may go on in the same plane.
+        let own = at.map(|(facet, _)| facet).filter(|_| wide_share < 1.0);
         let lambertian = s.bsdf.diffuse_only();
         let mut sum = Levels::default();
         let mut skipped_farthest = false;
@@ -96,7 +170,10 @@ impl Estimator {
                 continue;
             }
             let depth = map.depth(slot);
-            if depth < depths.0 || depth > depths.1 {
+            if depth < what.depths.0 || depth > what.depths.1 || (!what.caustics && map.is_caustic(slot)) {
+                continue;
+            }
+            if own.is_some_and(|facet| !facet.contains(facet.project(map.tree().position(slot)))) {
                 continue;
             }
             let wi = map.wi(slot);
@@ -117,7 +194,7 @@ impl Estimator {
             }
         }
         let scale = lambertian.unwrap_or(Rgb::ONE) / (PI * r2);
-        Levels { wide: sum.wide * scale, fine: sum.fine * scale }
+        Levels { wide: sum.wide * scale / wide_share, fine: sum.fine * scale / fine_share }
     }
 
     /// Photons per area around `s`.
@@ -153,4 +230,75 @@ pub(super) fn scattered(s: &Surface, wo: Vec3, wi: Vec3, share: Share) -> Rgb {
 /// one.
 fn shading_ratio(wi_s: f32, wi_g: f32) -> f32 {
     wi_s.abs() / wi_g.abs().max(1e-4)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{Sampler, Stream};
+    use crate::shape::{Facets, Geometry, Mesh, Shape};
+    use glam::Affine3A;
+
+    const KERNELS: [Kernel; 4] = [Kernel::Constant, Kernel::Cone, Kernel::Epanechnikov, Kernel::Biweight];
+
+    /// A floor of 2 by 2 with a box of 0.5 by 0.5 in its middle.
+    fn floor() -> Facets {
+        let shapes = [
+            Mesh::rectangle(Affine3A::IDENTITY),
+            Mesh::cube(Affine3A::from_scale(Vec3::splat(0.25)) * Affine3A::from_translation(Vec3::Z)),
+        ];
+        Facets::new(&Geometry { shapes: shapes.map(Shape::Mesh).into() })
+    }
+
+    /// Against a midpoint sum over 400 by 400 squares, which is good to 0.003 where the kernel jumps.
+    #[test]
+    fn coverage_is_the_kernels_integral_over_the_facet() {
+        let facets = floor();
+        let facet = facets.get(0, 0).unwrap();
+        let mut rng = Sampler::new(3, Stream::Eye, 0, 0);
+        for i in 0..60 {
+            let p = loop {
+                let p = Vec3::new(2.0 * rng.next_1d() - 1.0, 2.0 * rng.next_1d() - 1.0, 0.0);
+                if facet.contains(facet.project(p)) {
+                    break p;
+                }
+            };
+            // On the edge of the floor and in its corner, too.
+            let p = match i {
+                0 => Vec3::new(1.0, 0.3, 0.0),
+                1 => Vec3::new(1.0 - 1e-6, 1.0 - 1e-6, 0.0),
+                _ => p,
+            };
+            let r = 0.02 + 0.8 * rng.next_1d();
+            for kernel in KERNELS {
+                const N: usize = 400;
+                let at = |i: usize| (2.0 * (i as f32 + 0.5) / N as f32 - 1.0) * r;
+                let mut sum = 0.0;
+                for (x, y) in (0..N * N).map(|i| (at(i % N), at(i / N))) {
+                    let t2 = (x * x + y * y) / (r * r);
+                    if t2 < 1.0 && facet.contains(facet.project(p + Vec3::new(x, y, 0.0))) {
+                        sum += kernel.weight(t2) as f64;
+                    }
+                }
+                let brute = sum * (2.0 / N as f64).powi(2) / std::f64::consts::PI;
+                let exact = kernel.coverage(facet, facet.project(p), r) as f64;
+                assert!((exact - brute).abs() < 4e-3, "{kernel:?} at {p}, radius {r}: {exact} {brute}");
+            }
+        }
+    }
+
+    #[test]
+    fn known_shares() {
+        let facets = floor();
+        let facet = facets.get(0, 0).unwrap();
+        for kernel in KERNELS {
+            let share = |x, y, r| kernel.coverage(facet, facet.project(Vec3::new(x, y, 0.0)), r);
+            assert_eq!(share(0.6, 0.6, 0.1), 1.0);
+            for (x, y, expected) in [(1.0, 0.6, 0.5), (0.25, 0.0, 0.5), (1.0, 1.0, 0.25), (-0.25, 0.25, 0.75)]
+            {
+                let got = share(x - 1e-6, y - 2e-6, 0.2);
+                assert!((got - expected).abs() < 1e-4, "{kernel:?} {x} {y}: {got}");
+            }
+        }
+    }
 }

@@ -18,6 +18,8 @@ pub struct Photon {
     pub flux: Rgb,
     /// Segments flown, 1 for a photon straight from its light.
     pub depth: u8,
+    /// Whether it has met nothing but sharp lobes, and at least one.
+    pub caustic: bool,
 }
 
 /// A stored photon. Flux is three 16-bit mantissas with one exponent, so any magnitude keeps 16 bits.
@@ -27,8 +29,11 @@ struct Record {
     mantissa: [u16; 3],
     n_g: [i8; 2],
     exponent: u8,
+    /// Segments, as far as seven bits count; the eighth marks caustics.
     depth: u8,
 }
+
+const CAUSTIC: u8 = 0x80;
 
 /// 2^(e − 127 − 15) as a factor of mantissas.
 fn exponent_factor(e: u8) -> f32 {
@@ -45,7 +50,7 @@ impl Record {
             mantissa,
             n_g: encode8(photon.n_g),
             exponent: e,
-            depth: photon.depth,
+            depth: photon.depth.min(!CAUSTIC) | if photon.caustic { CAUSTIC } else { 0 },
         }
     }
 
@@ -100,9 +105,14 @@ impl PhotonMap {
         self.records[slot as usize].flux()
     }
 
-    /// Segments that the photon in `slot` has flown.
+    /// Segments that the photon in `slot` has flown, 127 at most.
     pub fn depth(&self, slot: u32) -> u32 {
-        self.records[slot as usize].depth as u32
+        (self.records[slot as usize].depth & !CAUSTIC) as u32
+    }
+
+    /// Whether the photon in `slot` is part of a caustic.
+    pub fn is_caustic(&self, slot: u32) -> bool {
+        self.records[slot as usize].depth & CAUSTIC != 0
     }
 }
 
@@ -115,11 +125,12 @@ mod tests {
         assert_eq!(std::mem::size_of::<Record>(), 14);
         for magnitude in [1e-30f32, 1e-7, 1.0, 3.999_999, 4.0, 1e20, 3e38] {
             let flux = Rgb::new(1.0, 0.37, 0.0) * magnitude;
-            let photon = Photon { p: Vec3::ZERO, wi: Vec3::Z, n_g: Vec3::Z, flux, depth: 1 };
+            let photon = Photon { p: Vec3::ZERO, wi: Vec3::Z, n_g: Vec3::Z, flux, depth: 1, caustic: false };
             let error = (Record::new(&photon).flux() - flux).abs().max_element();
             assert!(error <= magnitude * 2f32.powi(-15), "{magnitude}: {error}");
         }
-        let dark = Photon { p: Vec3::ZERO, wi: Vec3::Z, n_g: Vec3::Z, flux: Rgb::ZERO, depth: 1 };
+        let dark =
+            Photon { p: Vec3::ZERO, wi: Vec3::Z, n_g: Vec3::Z, flux: Rgb::ZERO, depth: 1, caustic: false };
         assert_eq!(Record::new(&dark).flux(), Rgb::ZERO);
     }
 }

@@ -8,7 +8,7 @@ mod octahedral;
 mod splat;
 mod trace;
 
-pub use estimate::{Estimator, Kernel, Levels};
+pub use estimate::{Estimator, Kernel, Levels, Photons};
 pub use map::{Photon, PhotonMap};
 pub use splat::{Splat, Splatter};
 pub use trace::{Store, Traced, trace};

@@ -11,10 +11,8 @@ use rayon::prelude::*;
 /// What a photon pass stores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Store {
-    /// All photons, with all their flux.
+    /// All light.
     All,
-    /// All photons, without the share of their flux that belongs to the caustic map.
-    NotCaustic,
     /// Only the caustic share: light that has met nothing but sharp lobes (see [`crate::bsdf::Share::BroadLight`]),
     /// and at least one.
     Caustic,
@@ -44,7 +42,7 @@ fn adjoint_correction(s: &Surface, wo: Vec3, wi: Vec3) -> f32 {
 }
 
 /// Emits `count` photon paths and stores them where they meet non-delta surfaces, up to `max_depth` segments. With a
-/// `splatter`, what is stored is also shown to the camera.
+/// `splatter`, caustics are also shown to the camera.
 pub fn trace(
     scene: &Scene,
     seed: u64,
@@ -100,18 +98,18 @@ fn trace_one(
         let Some(s) = scene.hit(&ray) else { return };
         let wi = -ray.d;
         if s.bsdf.has_smooth() {
-            let stored = match store {
-                Store::All => flux,
-                Store::NotCaustic if depth == 1 => flux,
-                Store::NotCaustic => (flux - caustic).max(Rgb::ZERO),
-                Store::Caustic if depth == 1 => Rgb::ZERO,
-                Store::Caustic => caustic,
-            };
-            if stored.max_element() > 0.0 {
-                out.photons.push(Photon { p: s.p, wi, n_g: s.n_g, flux: stored, depth: depth as u8 });
-                if let Some(splatter) = splatter {
-                    out.rays += splatter.show(&s, wi, stored, sampler, &mut out.splats);
+            let mut push = |flux: Rgb, caustic| {
+                if flux.max_element() > 0.0 {
+                    out.photons.push(Photon { p: s.p, wi, n_g: s.n_g, flux, depth: depth as u8, caustic });
                 }
+            };
+            let shown = if depth == 1 { Rgb::ZERO } else { caustic };
+            push(shown, true);
+            if store == Store::All {
+                push((flux - shown).max(Rgb::ZERO), false);
+            }
+            if let Some(splatter) = splatter.filter(|_| shown.max_element() > 0.0) {
+                out.rays += splatter.show(&s, wi, shown, sampler, &mut out.splats);
             }
         }
 

@@ -47,6 +47,7 @@ impl Scene {
             bounds: _,
             targets: _,
             casters: _,
+            facets: _,
             shape_light: _,
             intersector: _,
         } = self;

@@ -22,7 +22,7 @@ use crate::camera::Camera;
 use crate::film::FilmSettings;
 use crate::light::{Light, Lights, Targets};
 use crate::math::{Frame, Ray, Rgb, offset_origin};
-use crate::shape::{Bounds, Geometry, Hit};
+use crate::shape::{Bounds, Facet, Facets, Geometry, Hit};
 use crate::texture::Texture;
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
@@ -88,6 +88,7 @@ pub struct Scene {
     pub targets: Targets,
     /// Everything that has sharp lobes, for aiming caustic photons.
     pub casters: Targets,
+    facets: Facets,
     shape_material: Vec<u32>,
     shape_light: Vec<Option<u32>>,
     intersector: Box<dyn Intersector>,
@@ -110,6 +111,8 @@ pub struct Surface<'a> {
     pub light: Option<u32>,
     /// The shape.
     pub shape: u32,
+    /// The flat polygon that the surface ends with, if it is one.
+    pub facet: Option<&'a Facet>,
     magnitude: f32,
 }
 
@@ -149,6 +152,7 @@ impl Scene {
         let sharp = |shape: u32| d.materials[d.shape_material[shape as usize] as usize].lobes().sharp;
         let casters = Targets::new(boxes.iter().copied().filter(|&(shape, _)| sharp(shape)));
         let intersector = accel::build(backend, &d.geometry)?;
+        let facets = Facets::new(&d.geometry);
         Ok(Scene {
             geometry: d.geometry,
             textures: d.textures,
@@ -159,6 +163,7 @@ impl Scene {
             bounds,
             targets,
             casters,
+            facets,
             shape_material: d.shape_material,
             shape_light,
             intersector,
@@ -209,6 +214,7 @@ impl Scene {
             bsdf: material.bsdf(&self.textures, point.uv, ray.d.dot(point.n_s) <= 0.0),
             light: self.shape_light[hit.shape as usize],
             shape: hit.shape,
+            facet: self.facets.get(hit.shape, hit.primitive),
             magnitude: point.magnitude,
         }
     }

@@ -3,12 +3,14 @@
 
 mod cylinder;
 mod disk;
+mod facet;
 mod mesh;
 mod sample;
 mod sphere;
 
 pub use cylinder::Cylinder;
 pub use disk::Disk;
+pub use facet::{Edge, Facet, Facets};
 pub use mesh::Mesh;
 pub use sphere::Sphere;
 
