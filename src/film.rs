@@ -214,6 +214,13 @@ impl Film {
         film
     }
 
+    /// How many bytes [`Film::contents`] of such a film are.
+    pub fn contents_size(size: (u32, u32), fine: bool, layers: usize) -> u64 {
+        let sums = 2 * (1 + u64::from(fine)) + layers as u64;
+        let pixels = u64::from(size.0) * u64::from(size.1);
+        pixels.saturating_mul(sums * size_of::<Sum>() as u64)
+    }
+
     fn stride(&self) -> usize {
         2 * self.levels + self.layers
     }

@@ -21,6 +21,7 @@ pub mod integrator;
 pub mod light;
 pub mod math;
 pub mod metrics;
+pub mod part_file;
 pub mod photon;
 pub mod scene;
 pub mod shape;

@@ -77,6 +77,11 @@ impl Bitmap {
         (self.image.width, self.image.height)
     }
 
+    /// The image, and all else that the bitmap is made from.
+    pub fn contents(&self) -> (&Image, (Interpolation, Wrap, Affine2)) {
+        (&self.image, (self.interpolation, self.wrap, self.to_uv))
+    }
+
     fn eval(&self, uv: Vec2) -> Rgb {
         let p =
             self.to_uv.transform_point2(uv) * Vec2::new(self.image.width as f32, self.image.height as f32);

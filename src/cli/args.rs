@@ -3,8 +3,10 @@
 use caustica::accel::{self, Backend};
 use caustica::image_io::MAX_PIXELS;
 use caustica::integrator::Kind;
+use caustica::part_file::MAX_PASSES;
 use clap::builder::styling::Styles;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::ops::Range;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -20,6 +22,8 @@ pub(super) struct Cli {
 pub(super) enum Command {
     /// Render a scene to an image.
     Render(RenderArgs),
+    /// Add up part files (of --pass-range, or checkpoints) to an image or to a larger part.
+    Merge(MergeArgs),
     /// Compare an image with a reference: rmse, relmse, mae, bias per channel, psnr, flip.
     Compare(CompareArgs),
     /// Write the photons that the first pass stores: as points (PLY), or as the camera sees them (PNG).
@@ -67,7 +71,8 @@ pub(super) struct SceneArgs {
 pub(super) struct RenderArgs {
     /// The scene: Mitsuba XML or OBJ.
     pub(super) scene: PathBuf,
-    /// The image, OpenEXR or PNG by its extension [default: the scene's name with .exr, in this directory].
+    /// The image, OpenEXR or PNG by its extension [default: the scene's name with .exr, in this directory]; a .part
+    /// with --pass-range.
     #[arg(short, long, value_name = "OUT.exr|OUT.png")]
     pub(super) output: Option<PathBuf>,
     /// Integrator to render with [default: photonmap].
@@ -85,6 +90,27 @@ pub(super) struct RenderArgs {
     /// Write the parts of the picture (direct, specular, caustic, indirect), albedo, normal, depth and more as layers.
     #[arg(long)]
     pub(super) aovs: bool,
+    #[command(flatten)]
+    pub(super) image: ImageArgs,
+    /// Write all that was rendered to FILE now and then, for --resume or merge.
+    #[arg(long, value_name = "FILE")]
+    pub(super) checkpoint: Option<PathBuf>,
+    /// Seconds between checkpoints.
+    #[arg(long, value_name = "SECONDS", default_value = "60", requires = "checkpoint", value_parser = seconds)]
+    pub(super) checkpoint_interval: Duration,
+    /// Go on where the checkpoint or part in FILE ends. --passes is the number in all, --time counts anew.
+    #[arg(long, value_name = "FILE")]
+    pub(super) resume: Option<PathBuf>,
+    /// Render passes A to B-1 only, into a part file that merge adds to others.
+    #[arg(long, value_name = "A..B", group = "budget", value_parser = pass_range)]
+    pub(super) pass_range: Option<Range<u32>>,
+    #[command(flatten)]
+    pub(super) common: SceneArgs,
+}
+
+/// How an image is written.
+#[derive(Args, Debug)]
+pub(super) struct ImageArgs {
     /// Write 16-bit instead of 32-bit floats to the EXR.
     #[arg(long)]
     pub(super) half: bool,
@@ -94,8 +120,20 @@ pub(super) struct RenderArgs {
     /// Write statistics as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub(super) stats: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct MergeArgs {
+    /// The part files, in any order.
+    #[arg(required = true, value_name = "PART")]
+    pub(super) parts: Vec<PathBuf>,
+    /// The image, or the larger part, by its extension.
+    #[arg(short, long, value_name = "OUT.exr|OUT.png|OUT.part")]
+    pub(super) output: PathBuf,
     #[command(flatten)]
-    pub(super) common: SceneArgs,
+    pub(super) image: ImageArgs,
+    #[command(flatten)]
+    pub(super) verbosity: Verbosity,
 }
 
 #[derive(Args, Debug)]
@@ -191,6 +229,16 @@ fn size(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
+fn pass_range(text: &str) -> Result<Range<u32>, String> {
+    let range = text.split_once("..").and_then(|(a, b)| Some(a.parse::<u32>().ok()?..b.parse::<u32>().ok()?));
+    match range {
+        Some(range) if range.is_empty() => Err("it holds no pass".into()),
+        Some(range) if range.end > MAX_PASSES => Err(format!("passes are numbered up to {MAX_PASSES}")),
+        Some(range) => Ok(range),
+        None => Err("expected A..B, e.g. 0..16 for the first sixteen passes".into()),
+    }
+}
+
 fn finite(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(x) if x.is_finite() => Ok(x),
@@ -235,5 +283,9 @@ mod tests {
             assert!(positive(bad).is_err() && seconds(bad).is_err(), "{bad}");
         }
         assert_eq!(seconds("0.5"), Ok(Duration::from_millis(500)));
+        assert_eq!(pass_range("3..7"), Ok(3..7));
+        for bad in ["3", "3..3", "4..3", "..3", "3..", "-1..2", "1..=2", "0..4294967295", "a..b", ""] {
+            assert!(pass_range(bad).is_err(), "{bad}");
+        }
     }
 }

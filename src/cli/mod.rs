@@ -1,11 +1,14 @@
 //! The command line: arguments to calls into the library. Nothing else prints or exits.
 //!
-//! Exit status: 0 done, 1 failed while running, 2 bad command line or scene, 130 stopped by Ctrl-C.
+//! Exit status: 0 done, 1 failed while running, 2 bad command line or scene, 130 stopped by Ctrl-C or SIGTERM.
 
 mod args;
+mod checkpoint;
 mod compare;
 mod console;
 mod info;
+mod merge;
+mod output;
 mod photons;
 mod prepare;
 mod render;
@@ -47,6 +50,7 @@ pub(crate) fn main() -> ExitCode {
 fn run(command: &args::Command, start: Instant) -> caustica::Result<u8> {
     match command {
         args::Command::Render(args) => render::run(args, start),
+        args::Command::Merge(args) => merge::run(args, start).map(|()| 0),
         args::Command::Compare(args) => compare::run(args).map(|()| 0),
         args::Command::Photons(args) => photons::run(args).map(|()| 0),
         args::Command::Info(args) => info::run(args).map(|()| 0),

@@ -1,8 +1,8 @@
 //! `caustica photons`: the stored photons as points, or as the camera sees them.
 
 use super::args::PhotonsArgs;
+use super::output::extension;
 use super::prepare::{prepare, with_threads};
-use super::render::extension;
 use caustica::image_io::{self, Image};
 use caustica::integrator::{self, Kind, PhotonRecord};
 use caustica::math::{Rgb, luminance};

@@ -10,7 +10,7 @@ mod state;
 
 pub use params::{DirectLight, Params};
 pub use parts::Parts;
-pub use state::{PhotonCounts, Progress, Rendering, Seconds, Skipped, State, Statistics};
+pub use state::{Layout, PhotonCounts, Progress, Rendering, Seconds, Skipped, State, Statistics};
 
 use crate::math::{Ray, Rgb};
 use crate::scene::{Scene, Surface};

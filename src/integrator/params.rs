@@ -141,8 +141,71 @@ impl Params {
         Ok(())
     }
 
+    /// All parameters by name, with values as [`Params::set`] takes them.
+    pub fn named(&self) -> Vec<(&'static str, String)> {
+        let Params {
+            global_photons,
+            caustic_photons,
+            global_k,
+            caustic_k,
+            global_radius,
+            caustic_radius,
+            kernel,
+            final_gather,
+            direct,
+            alpha,
+            max_depth,
+            rr_depth,
+            hide_emitters,
+        } = self;
+        vec![
+            ("global_photons", global_photons.to_string()),
+            ("caustic_photons", caustic_photons.to_string()),
+            ("global_k", global_k.to_string()),
+            ("caustic_k", caustic_k.to_string()),
+            ("global_radius", global_radius.to_string()),
+            ("caustic_radius", caustic_radius.to_string()),
+            ("kernel", format!("{kernel:?}").to_lowercase()),
+            ("final_gather", final_gather.to_string()),
+            ("direct", format!("{direct:?}").to_lowercase()),
+            ("alpha", alpha.to_string()),
+            ("max_depth", max_depth.to_string()),
+            ("rr_depth", rr_depth.to_string()),
+            ("hide_emitters", hide_emitters.to_string()),
+        ]
+    }
+
     /// `max_depth` as a number of segments.
     pub fn max_segments(&self) -> u32 {
         if self.max_depth < 0 { u32::MAX } else { self.max_depth as u32 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_values_give_the_parameters_back() {
+        let odd = Params {
+            global_photons: 1,
+            caustic_photons: u64::MAX,
+            global_k: 3,
+            caustic_k: 4,
+            global_radius: 0.1 + f32::EPSILON,
+            caustic_radius: 1e-30,
+            kernel: Kernel::Biweight,
+            final_gather: false,
+            direct: DirectLight::Off,
+            alpha: 1.0 / 3.0,
+            max_depth: 7,
+            rr_depth: 8,
+            hide_emitters: true,
+        };
+        for params in [odd, Params::default()] {
+            let mut copy = Params { alpha: 0.9, ..Params::default() };
+            params.named().iter().try_for_each(|(name, value)| copy.set(name, value)).unwrap();
+            assert_eq!(copy, params);
+        }
     }
 }

@@ -4,7 +4,7 @@
 use super::photonmap::{Eye, Maps, Scratch};
 use super::plan::Plan;
 use super::{Budget, Kind, Options, Seen, path};
-use crate::film::{self, Film, RelativeError, Values};
+use crate::film::{self, Film, FilmSettings, Filter, RelativeError, Values};
 use crate::image_io::{Channels, Image, Layer};
 use crate::math::{Rgb, Sampler, Stream};
 use crate::scene::Scene;
@@ -66,10 +66,12 @@ impl AddAssign<&Statistics> for Statistics {
         self.seconds.maps += o.seconds.maps;
         self.seconds.eye += o.seconds.eye;
         self.seconds.rendering += o.seconds.rendering;
-        self.rays += o.rays;
-        self.photons.emitted += o.photons.emitted;
-        self.photons.global_stored += o.photons.global_stored;
-        self.photons.caustic_stored += o.photons.caustic_stored;
+        // Files may claim anything.
+        let add = |count: &mut u64, more: u64| *count = count.saturating_add(more);
+        add(&mut self.rays, o.rays);
+        add(&mut self.photons.emitted, o.photons.emitted);
+        add(&mut self.photons.global_stored, o.photons.global_stored);
+        add(&mut self.photons.caustic_stored, o.photons.caustic_stored);
     }
 }
 
@@ -98,12 +100,34 @@ pub struct Rendering {
     pub error: RelativeError,
 }
 
+/// What the sums of a render are laid out for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Layout {
+    /// Columns and rows of the film.
+    pub size: (u32, u32),
+    /// Whether the picture is kept at two levels.
+    pub fine: bool,
+    /// Whether there are layers for [`Options::aovs`].
+    pub aovs: bool,
+}
+
+impl Layout {
+    fn layers(self) -> usize {
+        if self.aovs { layer::COUNT } else { 0 }
+    }
+
+    /// How many bytes the sums take.
+    pub fn bytes(self) -> u64 {
+        Film::contents_size(self.size, self.fine, self.layers())
+    }
+}
+
 /// The sums of passes `first..first + passes`, and what they took.
 #[derive(Clone, Debug)]
 pub struct State {
     first: u32,
     film: Film,
-    aovs: bool,
+    layout: Layout,
     /// What it took.
     pub statistics: Statistics,
 }
@@ -132,10 +156,34 @@ impl State {
             return Err(Error::Usage("the film has no pixels".into()));
         }
         let plan = Plan::new(scene, options);
-        let layers = if options.aovs { layer::COUNT } else { 0 };
-        let film = Film::new(&scene.film, plan.has_photons(), layers);
-        let statistics = Statistics { skipped: plan.skipped, ..Statistics::default() };
-        Ok(State { first, film, aovs: options.aovs, statistics })
+        let layout = Layout { size: (width, height), fine: plan.has_photons(), aovs: options.aovs };
+        let mut state = State::empty(layout, first);
+        state.statistics.skipped = plan.skipped;
+        Ok(state)
+    }
+
+    /// A state without passes, to put back into it what was kept of another by [`State::film`].
+    pub fn empty(layout: Layout, first: u32) -> State {
+        let (width, height) = layout.size;
+        // Its sums know neither where the crop lies nor the filter.
+        let settings = FilmSettings { size: layout.size, crop: (0, 0, width, height), filter: Filter::Box };
+        let film = Film::new(&settings, layout.fine, layout.layers());
+        State { first, film, layout, statistics: Statistics::default() }
+    }
+
+    /// What its sums are laid out for.
+    pub fn layout(&self) -> Layout {
+        self.layout
+    }
+
+    /// Its sums.
+    pub fn film(&self) -> &Film {
+        &self.film
+    }
+
+    /// Its sums, to be replaced.
+    pub fn film_mut(&mut self) -> &mut Film {
+        &mut self.film
     }
 
     /// The passes that it holds.
@@ -158,9 +206,18 @@ impl State {
             Budget::Error(_) => (1.1, MIN_PASSES),
             _ => (2.0, 2),
         };
+        let mut passes = self.film.passes();
+        let after = |passes: u32| passes.saturating_add(1).max((passes as f64 * growth) as u32);
+        // A render that is taken up again makes its estimates where it would have made them without the break.
+        while next_estimate < passes {
+            next_estimate = after(next_estimate);
+        }
         let mut error = None;
+        if passes == next_estimate {
+            error = Some(self.film.resolve().error);
+            next_estimate = after(passes);
+        }
         loop {
-            let mut passes = self.film.passes();
             let used = |passes: u32, seconds: f64, error: Option<RelativeError>| match (options.budget, error)
             {
                 (Budget::Passes(n), _) => passes as f64 / n.max(1) as f64,
@@ -176,7 +233,7 @@ impl State {
             passes += 1;
             if passes >= next_estimate {
                 error = Some(self.film.resolve().error);
-                next_estimate = (passes + 1).max((passes as f64 * growth) as u32);
+                next_estimate = after(passes);
             }
             let seconds = start.elapsed().as_secs_f64();
             self.statistics.seconds.rendering = earlier + seconds;
@@ -206,7 +263,7 @@ impl State {
         let film = &self.film;
         let resolved = film.resolve();
         let mut layers = Vec::new();
-        if self.aovs {
+        if self.layout.aovs {
             let mixed = |[wide, fine]: [usize; 2]| film.layer_of_levels(wide, fine, &resolved);
             let scalars = film.layer(layer::SCALARS);
             let mut add = |name: &str, image, channels| {

@@ -101,6 +101,11 @@ impl Envmap {
         })
     }
 
+    /// All that the map is made from: its columns, its pixels times the scale, and its orientation.
+    pub fn contents(&self) -> (usize, &[Rgb], Mat3) {
+        (self.width, &self.pixels, self.to_world)
+    }
+
     /// ∫ L dω over the sphere.
     pub(super) fn integral(&self) -> Rgb {
         self.integral
