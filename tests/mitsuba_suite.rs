@@ -151,7 +151,7 @@ fn blocks(image: &Image) -> Vec<DVec3> {
 
 #[test]
 fn paths_agree_with_mitsuba() {
-    cases(backends().next().unwrap()).iter().for_each(|case| case.check_paths(16));
+    cases(backends().next().unwrap()).iter().for_each(|case| case.check_paths(64));
 }
 
 #[test]
