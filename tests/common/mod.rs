@@ -68,6 +68,33 @@ pub(crate) fn mean(image: &Image) -> Rgb {
     (sum / image.pixels.len() as f64).as_vec3()
 }
 
+/// Mean and standard error of the mean.
+pub(crate) fn mean_and_error(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let square: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+    (mean, (square / (n - 1.0) / n).sqrt())
+}
+
+/// Number of independent estimates that [`assert_mean`] wants at least, and Student's t that the mean of so many exceeds
+/// once in 1000 times, on either side.
+pub(crate) const ESTIMATES: u64 = 16;
+const T: f64 = 4.073;
+
+/// Asserts that the mean of independent estimates is `exact`: within their 99.9 % confidence interval, widened by the
+/// relative `bias`, and that the interval is narrower than the relative `precision`, lest the test pass for want of
+/// knowledge.
+#[track_caller]
+pub(crate) fn assert_mean(estimates: &[f64], exact: f64, bias: f64, precision: f64, what: &str) {
+    assert!(estimates.len() as u64 >= ESTIMATES);
+    let (mean, error) = mean_and_error(estimates);
+    let (off, width) = (mean / exact - 1.0, T * error / exact.abs());
+    let told = format!("{what}: {mean:.6e}, not {exact:.6e}: {:.3} % ± {:.3} %", 100.0 * off, 100.0 * width);
+    println!("{told}");
+    assert!(off.abs() <= width + bias, "{told}");
+    assert!(width <= precision, "{told} is not precise enough");
+}
+
 /// A part or auxiliary layer.
 pub(crate) fn layer<'a>(rendering: &'a Rendering, name: &str) -> &'a Image {
     &rendering.layers.iter().find(|layer| layer.name == name).unwrap().image
