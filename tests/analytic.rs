@@ -145,7 +145,7 @@ fn slab_of_glass() {
             let seen = parse(&seen, 16, backend);
             for (kind, settings) in &ALL[..2] {
                 let what = format!("through a slab at {degrees}°, {}, {kind:?}", backend.name());
-                assert_mean(&means(&seen, *kind, settings, 8), exact, 2e-5, 0.02, &what);
+                assert_mean(&means(&seen, *kind, settings, 16), exact, 2e-5, 0.02, &what);
             }
 
             // Light from the side, and a camera between slab and floor.

@@ -32,10 +32,15 @@ pub(crate) fn load(file: &Path, size: u32, backend: Backend) -> Scene {
 
 /// The scene in the text `xml`.
 pub(crate) fn parse(xml: &str, size: u32, backend: Backend) -> Scene {
+    parse_sized(xml, (size, size), backend)
+}
+
+/// The same with a film that is no square.
+pub(crate) fn parse_sized(xml: &str, size: (u32, u32), backend: Backend) -> Scene {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("scene.xml");
     std::fs::write(&file, xml).unwrap();
-    load(&file, size, backend)
+    Scene::new(scene::load(&file, &[], Some(size)).unwrap(), backend).unwrap()
 }
 
 /// Parameters from `NAME=VALUE`.
