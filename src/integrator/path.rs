@@ -25,17 +25,19 @@ impl Throughput {
     /// After scattering at vertex number `vertex` by a lobe of which `full` comes through in all, `broad` as light
     /// sees it, `broad_eye` as the eye sees it.
     fn scatter(&self, vertex: u32, full: Rgb, broad: Rgb, broad_eye: Rgb) -> Throughput {
+        // A share that rounding has made greater than the whole leaves nothing, not less.
+        let sharp = |broad: Rgb| (full - broad).max(Rgb::ZERO);
         if vertex == 1 {
             let before = self.total();
             Throughput {
-                specular: before * (full - broad_eye),
+                specular: before * sharp(broad_eye),
                 caustic: before * broad_eye,
                 indirect: Rgb::ZERO,
             }
         } else {
             Throughput {
                 specular: self.specular * full,
-                caustic: self.caustic * (full - broad),
+                caustic: self.caustic * sharp(broad),
                 indirect: self.indirect * full + self.caustic * broad,
             }
         }
@@ -90,18 +92,13 @@ pub(super) fn radiance(
         }
 
         let wo = s.frame.to_local(-ray.d);
-        let broad = |wi, share, full: Rgb| match s.bsdf.has_rough() {
-            true => s.bsdf.eval(wo, wi, Mode::Radiance, share),
-            false => full,
-        };
         if s.bsdf.has_smooth() {
             if let Some(lit) = direct::sample_light(scene, &s, wo, sampler, rays) {
-                let next = beta.scatter(
-                    depth,
-                    lit.f,
-                    broad(lit.wi, Share::BroadLight, lit.f),
-                    broad(lit.wi, Share::BroadEye, lit.f),
-                );
+                let broad = |share| match s.bsdf.has_rough() {
+                    true => s.bsdf.eval(wo, lit.wi, Mode::Radiance, share),
+                    false => lit.f,
+                };
+                let next = beta.scatter(depth, lit.f, broad(Share::BroadLight), broad(Share::BroadEye));
                 sum += next.parts(lit.light, depth, first_delta);
             }
         }
@@ -113,14 +110,11 @@ pub(super) fn radiance(
             first_delta |= depth == 1;
             beta.scatter(depth, sample.weight, Rgb::ZERO, Rgb::ZERO)
         } else {
-            let full = sample.weight * sample.pdf_w;
-            let scale = 1.0 / sample.pdf_w;
-            beta.scatter(
-                depth,
-                sample.weight,
-                broad(sample.wi, Share::BroadLight, full) * scale,
-                broad(sample.wi, Share::BroadEye, full) * scale,
-            )
+            let broad = |share| match s.bsdf.has_rough() {
+                true => s.bsdf.eval(wo, sample.wi, Mode::Radiance, share) / sample.pdf_w,
+                false => sample.weight,
+            };
+            beta.scatter(depth, sample.weight, broad(Share::BroadLight), broad(Share::BroadEye))
         };
         straight &= direct::goes_straight(&sample, wo);
         eta *= sample.eta;

@@ -240,9 +240,15 @@ impl Eye<'_> {
                 // The gather ray finds it.
                 indirect.fine = Rgb::ZERO;
             }
-            if self.params.direct == DirectLight::Sample {
+            // The map shows by broad lobes what it shows; sharp ones are too narrow for it.
+            let sharp_only = self.params.direct == DirectLight::Map;
+            if self.params.direct == DirectLight::Sample || (sharp_only && s.bsdf.has_rough()) {
                 if let Some(lit) = direct::sample_light(self.scene, s, wo, sampler, rays) {
-                    direct = lit.f * lit.light;
+                    let shown = match sharp_only {
+                        true => s.bsdf.eval(wo, lit.wi, Mode::Radiance, Share::BroadEye),
+                        false => Rgb::ZERO,
+                    };
+                    direct = (lit.f - shown).max(Rgb::ZERO) * lit.light;
                 }
             }
         }
@@ -290,7 +296,8 @@ impl Eye<'_> {
             } else {
                 next.beta_emitted = match self.params.direct {
                     DirectLight::Sample => walk.beta * sample.weight,
-                    DirectLight::Map | DirectLight::Off => Rgb::ZERO,
+                    DirectLight::Map => walk.beta * sharp,
+                    DirectLight::Off => Rgb::ZERO,
                 };
                 if !walk.through_sharp {
                     next.emitted_part = |parts| &mut parts.direct;

@@ -73,12 +73,14 @@ impl Kernel {
                 continue;
             }
             let u = along / length;
-            let d = u.perp_dot(p - a) / r;
+            // From the nearer end, so that nothing cancels in a corner: the angles of its two edges must fit together.
+            let (from_a, to_b) = (u.dot(p - a), u.dot(b - p));
+            let near = if from_a.abs() < to_b.abs() { p - a } else { p - b };
+            let d = u.perp_dot(near) / r;
             if d.abs() < 1.0 {
                 // The part of the edge within the disk, measured from the foot of the perpendicular.
                 let reach = (1.0 - d * d).sqrt();
-                let foot = u.dot(p - a);
-                let (from, to) = ((-foot / r).max(-reach), ((length - foot) / r).min(reach));
+                let (from, to) = ((-from_a / r).max(-reach), (to_b / r).min(reach));
                 if from < to {
                     cut += self.cut_off(d, to) - self.cut_off(d, from);
                 }
@@ -298,6 +300,10 @@ mod tests {
             {
                 let got = share(x - 1e-6, y - 2e-6, 0.2);
                 assert!((got - expected).abs() < 1e-4, "{kernel:?} {x} {y}: {got}");
+            }
+            for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
+                let got = share(x * (1.0 - 1e-6), y * (1.0 - 1e-6), 0.5);
+                assert!((got - 0.25).abs() < 1e-4, "{kernel:?} in the corner {x} {y}: {got}");
             }
         }
     }

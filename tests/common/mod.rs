@@ -32,10 +32,15 @@ pub(crate) fn load(file: &Path, size: u32, backend: Backend) -> Scene {
 
 /// The scene in the text `xml`.
 pub(crate) fn parse(xml: &str, size: u32, backend: Backend) -> Scene {
+    parse_sized(xml, (size, size), backend)
+}
+
+/// The same with a film that is no square.
+pub(crate) fn parse_sized(xml: &str, size: (u32, u32), backend: Backend) -> Scene {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("scene.xml");
     std::fs::write(&file, xml).unwrap();
-    load(&file, size, backend)
+    Scene::new(scene::load(&file, &[], Some(size)).unwrap(), backend).unwrap()
 }
 
 /// Parameters from `NAME=VALUE`.
@@ -66,6 +71,33 @@ pub(crate) fn render_with(scene: &Scene, options: &Options) -> Rendering {
 pub(crate) fn mean(image: &Image) -> Rgb {
     let sum: glam::DVec3 = image.pixels.iter().map(|p| p.as_dvec3()).sum();
     (sum / image.pixels.len() as f64).as_vec3()
+}
+
+/// Mean and standard error of the mean.
+pub(crate) fn mean_and_error(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let square: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+    (mean, (square / (n - 1.0) / n).sqrt())
+}
+
+/// Number of independent estimates that [`assert_mean`] wants at least, and Student's t that the mean of so many exceeds
+/// once in 1000 times, on either side.
+pub(crate) const ESTIMATES: u64 = 16;
+const T: f64 = 4.073;
+
+/// Asserts that the mean of independent estimates is `exact`: within their 99.9 % confidence interval, widened by the
+/// relative `bias`, and that the interval is narrower than the relative `precision`, lest the test pass for want of
+/// knowledge.
+#[track_caller]
+pub(crate) fn assert_mean(estimates: &[f64], exact: f64, bias: f64, precision: f64, what: &str) {
+    assert!(estimates.len() as u64 >= ESTIMATES);
+    let (mean, error) = mean_and_error(estimates);
+    let (off, width) = (mean / exact - 1.0, T * error / exact.abs());
+    let told = format!("{what}: {mean:.6e}, not {exact:.6e}: {:.3} % ± {:.3} %", 100.0 * off, 100.0 * width);
+    println!("{told}");
+    assert!(off.abs() <= width + bias, "{told}");
+    assert!(width <= precision, "{told} is not precise enough");
 }
 
 /// A part or auxiliary layer.
