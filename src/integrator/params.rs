@@ -31,7 +31,8 @@ pub struct Params {
     pub caustic_radius: f32,
     /// `kernel`: `constant`, `cone`, `epanechnikov` (default) or `biweight`.
     pub kernel: Kernel,
-    /// `final_gather`: gather indirect light over the global map (default), or show the map directly.
+    /// `final_gather`: also gather indirect light over the global map, and show that where the map shown directly is biased
+    /// (default); or show the map alone.
     pub final_gather: bool,
     /// `direct`: direct light is taken by `sample` (default), from the `map`, or is `off`.
     pub direct: DirectLight,
