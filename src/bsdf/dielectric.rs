@@ -93,6 +93,14 @@ struct Coupling {
 }
 
 impl RoughDielectric {
+    /// How broad the lobes are. Facets turn what they transmit by an angle in proportion to n − 1, n being the greater index
+    /// over the lesser: near 1 the lobe is narrow whatever the roughness. Full from n = 1.25, which leaves glass and
+    /// water alone.
+    pub(super) fn roughness(&self) -> f32 {
+        let eta = self.interface.eta;
+        self.microfacet.roughness() * (4.0 * (eta.max(1.0 / eta) - 1.0)).min(1.0)
+    }
+
     /// The facet that couples `wo` (above) with `wi`, unless that one is seen from its back.
     #[inline]
     fn couple(wo: Vec3, wi: Vec3, eta: f32) -> Option<Coupling> {

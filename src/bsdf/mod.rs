@@ -275,7 +275,7 @@ impl<'a> Bsdf<'a> {
         self.opacity > 0.0 && self.kind.roughness().is_some_and(divided)
     }
 
-    /// Roughness √(α_u α_v) of the microfacet lobe, if there is one.
+    /// Roughness √(α_u α_v) of the microfacet lobe, if there is one; less where its facets hardly bend what they transmit.
     pub fn roughness(&self) -> Option<f32> {
         self.kind.roughness()
     }
@@ -337,7 +337,7 @@ impl Kind<'_> {
                 0.0 => Rgb::ZERO,
                 part => b.eval(wo, wi) * part,
             },
-            Kind::RoughDielectric(b) => match part(b.microfacet.roughness()) {
+            Kind::RoughDielectric(b) => match part(b.roughness()) {
                 0.0 => Rgb::ZERO,
                 part => b.eval(wo, wi, mode) * part,
             },
@@ -374,7 +374,7 @@ impl Kind<'_> {
     fn roughness(&self) -> Option<f32> {
         match self {
             Kind::RoughConductor(b) => Some(b.microfacet.roughness()),
-            Kind::RoughDielectric(b) => Some(b.microfacet.roughness()),
+            Kind::RoughDielectric(b) => Some(b.roughness()),
             Kind::RoughPlastic(b) => Some(b.roughness()),
             _ => None,
         }

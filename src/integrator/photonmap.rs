@@ -299,9 +299,10 @@ impl Eye<'_> {
                     DirectLight::Map => walk.beta * sharp,
                     DirectLight::Off => Rgb::ZERO,
                 };
-                if !walk.through_sharp {
-                    next.emitted_part = |parts| &mut parts.direct;
-                }
+                next.emitted_part = match walk.through_sharp {
+                    true => |parts| &mut parts.specular,
+                    false => |parts| &mut parts.direct,
+                };
                 // One ray serves both shares; which one it goes on for is decided by their proportion.
                 let prob = if sharp == Rgb::ZERO { 1.0 } else { luminance(broad) / luminance(sample.weight) };
                 if sampler.next_1d() < prob {

@@ -74,6 +74,13 @@ impl View {
         rendering
     }
 
+    /// The red mean of what the path tracer sees of the same scene.
+    fn path_mean(&self, passes: u32) -> f64 {
+        let (integrator, params) = (Kind::Path, params(&[]));
+        let options = Options { integrator, params, seed: 77, budget: Budget::Passes(passes), aovs: false };
+        mean(&render_with(&self.scene, &options).image).x as f64
+    }
+
     /// The red mean of the picture, as each of 16 seeds has it.
     fn means(&self, passes: u32) -> Vec<f64> {
         (0..common::ESTIMATES).map(|seed| mean(&self.render(seed, passes).image).x as f64).collect()
