@@ -103,21 +103,21 @@ impl Camera {
     /// Where a world point appears on the film through the lens' centre; `None` behind the camera or clipped. The
     /// position may lie outside of the film.
     pub fn project(&self, p: Vec3) -> Option<Vec2> {
-        let l = self.to_world.inverse().transform_point3(p);
-        if !(l.z > 0.0 && l.z >= self.clip.0 && l.z <= self.clip.1) {
-            return None;
-        }
+        let l = self.local(p)?;
         let plane = Vec2::new(l.x, l.y * self.aspect) / (l.z * self.half_width);
         Some(0.5 * (1.0 - plane) - self.principal_offset)
+    }
+
+    /// A world point in camera coordinates; `None` behind the camera or clipped.
+    fn local(&self, p: Vec3) -> Option<Vec3> {
+        let l = self.to_world.inverse().transform_point3(p);
+        (l.z > 0.0 && l.z >= self.clip.0 && l.z <= self.clip.1).then_some(l)
     }
 
     /// How a surface at `p` with unit normal `n` is seen through the lens point of the sample `lens`; `None` behind the
     /// camera or clipped.
     pub fn connect(&self, p: Vec3, n: Vec3, lens: Vec2) -> Option<Connection> {
-        let l = self.to_world.inverse().transform_point3(p);
-        if !(l.z > 0.0 && l.z >= self.clip.0 && l.z <= self.clip.1) {
-            return None;
-        }
+        let l = self.local(p)?;
         let o = (self.aperture_radius * warp::disk(lens)).extend(0.0);
         let through = (l - o) / l.z + o / self.focus_distance;
         let plane = Vec2::new(through.x, through.y * self.aspect) / self.half_width;

@@ -204,10 +204,10 @@ const FLOOR: f64 = 0.01;
 const ROUNDING: f64 = 1.0 / 65536.0;
 
 impl Film {
-    /// An empty film of the crop's size. With `fine`, passes bring the picture at two levels. `layers` is the number
-    /// of further values per pixel.
-    pub fn new(settings: &FilmSettings, fine: bool, layers: usize) -> Film {
-        let (width, height) = (settings.crop.2 as usize, settings.crop.3 as usize);
+    /// An empty film of so many columns and rows. With `fine`, passes bring the picture at two levels. `layers` is the
+    /// number of further values per pixel.
+    pub fn new(size: (u32, u32), fine: bool, layers: usize) -> Film {
+        let (width, height) = (size.0 as usize, size.1 as usize);
         let levels = if fine { 2 } else { 1 };
         let mut film = Film { width, height, levels, layers, passes: [0; 2], sums: Vec::new() };
         film.sums = vec![Sum::default(); width * height * film.stride()];
@@ -520,13 +520,9 @@ mod tests {
         }
     }
 
-    fn settings(width: u32, height: u32) -> FilmSettings {
-        FilmSettings { size: (width, height), crop: (0, 0, width, height), filter: Filter::Box }
-    }
-
     /// A film of passes whose wide picture is 1 + bias with little noise, and whose fine one is 1 with much.
     fn film(passes: u32, bias: f32, wide_noise: f32, fine_noise: f32) -> Film {
-        let mut film = Film::new(&settings(40, 30), true, 0);
+        let mut film = Film::new((40, 30), true, 0);
         for pass in 0..passes {
             film.add_pass(
                 pass,
@@ -583,7 +579,7 @@ mod tests {
 
     #[test]
     fn a_single_level_needs_no_choice_and_one_pass_no_estimate() {
-        let mut film = Film::new(&settings(7, 5), false, 1);
+        let mut film = Film::new((7, 5), false, 1);
         for pass in 0..3 {
             film.add_pass(
                 pass,
@@ -620,7 +616,7 @@ mod tests {
     fn merged_films_are_one() {
         let whole = film(9, 0.2, 0.3, 0.4);
         let mut rest = whole.clone();
-        let mut first = Film::new(&settings(40, 30), true, 0);
+        let mut first = Film::new((40, 30), true, 0);
         // Takes away the first pass, as a part that begins with the second.
         first.merge(&film(1, 0.2, 0.3, 0.4));
         rest.passes[0] -= 1;

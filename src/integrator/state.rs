@@ -4,7 +4,7 @@
 use super::photonmap::{Eye, Maps, Scratch};
 use super::plan::Plan;
 use super::{Budget, Kind, Options, Seen, path};
-use crate::film::{self, Film, FilmSettings, Filter, RelativeError, Values};
+use crate::film::{self, Film, RelativeError, Values};
 use crate::image_io::{Channels, Image, Layer};
 use crate::math::{Rgb, Sampler, Stream};
 use crate::scene::Scene;
@@ -164,10 +164,7 @@ impl State {
 
     /// A state without passes, to put back into it what was kept of another by [`State::film`].
     pub fn empty(layout: Layout, first: u32) -> State {
-        let (width, height) = layout.size;
-        // Its sums know neither where the crop lies nor the filter.
-        let settings = FilmSettings { size: layout.size, crop: (0, 0, width, height), filter: Filter::Box };
-        let film = Film::new(&settings, layout.fine, layout.layers());
+        let film = Film::new(layout.size, layout.fine, layout.layers());
         State { first, film, layout, statistics: Statistics::default() }
     }
 
