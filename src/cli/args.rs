@@ -26,13 +26,15 @@ pub(super) enum Command {
     Merge(MergeArgs),
     /// Compare an image with a reference: rmse, relmse, mae, bias per channel, psnr, flip.
     Compare(CompareArgs),
+    /// Measure run time against error, of integrators, backends and other renderers, and report it on a page.
+    Bench(BenchArgs),
     /// Write the photons that the first pass stores: as points (PLY), or as the camera sees them (PNG).
     Photons(PhotonsArgs),
     /// Show version, backends and CPU; of a scene, what it holds and what rendering it takes.
     Info(InfoArgs),
 }
 
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub(super) struct Verbosity {
     /// Print the plan, the stages' times and what is ignored.
     #[arg(short, long, conflicts_with = "quiet")]
@@ -43,7 +45,7 @@ pub(super) struct Verbosity {
 }
 
 /// How a scene is loaded and made ready.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub(super) struct SceneArgs {
     /// Replace $NAME in the scene by VALUE.
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = assignment)]
@@ -148,6 +150,43 @@ pub(super) struct CompareArgs {
 }
 
 #[derive(Args, Debug)]
+pub(super) struct BenchArgs {
+    /// The scenes: Mitsuba XML or OBJ.
+    #[arg(required = true, value_name = "SCENE")]
+    pub(super) scenes: Vec<PathBuf>,
+    /// Directory for results.csv, run.json, index.html, plots/ and images/.
+    #[arg(short, long, value_name = "DIR")]
+    pub(super) output: PathBuf,
+    /// Length of a run. Errors are taken then, and at its halves, quarters and so on to a 64th.
+    #[arg(long, value_name = "SECONDS", default_value = "16", value_parser = seconds)]
+    pub(super) time: Duration,
+    /// Runs of each kind, each with a seed of its own.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub(super) repeats: u32,
+    /// Render with this integrator only [default: all].
+    #[arg(long, value_enum)]
+    pub(super) integrator: Option<IntegratorName>,
+    /// Reference images: a directory that holds SCENE.exr for each scene, or the image of the only scene [default: computed
+    /// by the path tracer, and kept in DIR].
+    #[arg(long, value_name = "DIR|IMAGE")]
+    pub(super) reference: Option<PathBuf>,
+    /// Passes of a computed reference.
+    #[arg(long, value_name = "N", default_value_t = 16384, value_parser = clap::value_parser!(u32).range(2..), conflicts_with = "reference")]
+    pub(super) reference_passes: u32,
+    /// The relmse of a given reference itself, by scene; it is taken off. May be repeated.
+    #[arg(long, value_name = "SCENE=RELMSE", value_parser = named_error, requires = "reference")]
+    pub(super) reference_noise: Vec<(String, f64)>,
+    /// Also measure the renderer that COMMAND runs, see bench/peers/README.md. May be repeated.
+    #[arg(long = "peer", value_name = "COMMAND")]
+    pub(super) peers: Vec<String>,
+    /// Compare with an earlier results.csv; the exit status is 1 if a curve is worse.
+    #[arg(long, value_name = "results.csv")]
+    pub(super) baseline: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) common: SceneArgs,
+}
+
+#[derive(Args, Debug)]
 pub(super) struct PhotonsArgs {
     /// The scene: Mitsuba XML or OBJ.
     pub(super) scene: PathBuf,
@@ -197,12 +236,20 @@ pub(super) enum BackendName {
     Bvh,
 }
 
+impl BackendName {
+    pub(super) fn backend(self) -> Backend {
+        match self {
+            BackendName::Embree => Backend::Embree,
+            BackendName::Bvh => Backend::Bvh,
+        }
+    }
+}
+
 impl SceneArgs {
     /// The backend asked for, or this build's default.
     pub(super) fn backend(&self) -> caustica::Result<Backend> {
         match self.backend {
-            Some(BackendName::Embree) => Ok(Backend::Embree),
-            Some(BackendName::Bvh) => Ok(Backend::Bvh),
+            Some(name) => Ok(name.backend()),
             None => accel::available().first().copied().ok_or_else(|| {
                 caustica::Error::Usage(
                     "this build has no ray backend; build with --features embree or --features bvh".into(),
@@ -216,6 +263,14 @@ fn assignment(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((name, value)) if !name.is_empty() => Ok((name.into(), value.into())),
         _ => Err("expected NAME=VALUE".into()),
+    }
+}
+
+fn named_error(text: &str) -> Result<(String, f64), String> {
+    let (name, value) = assignment(text)?;
+    match value.parse::<f64>() {
+        Ok(x) if x.is_finite() && x >= 0.0 => Ok((name, x)),
+        _ => Err("expected SCENE=RELMSE, e.g. ring=2e-4".into()),
     }
 }
 
@@ -281,6 +336,10 @@ mod tests {
         assert!(assignment("=b").is_err() && assignment("b").is_err());
         for bad in ["0", "-1", "inf", "NaN", "x"] {
             assert!(positive(bad).is_err() && seconds(bad).is_err(), "{bad}");
+        }
+        assert_eq!(named_error("ring=2e-4"), Ok(("ring".into(), 2e-4)));
+        for bad in ["ring", "ring=", "ring=-1", "ring=nan", "=1"] {
+            assert!(named_error(bad).is_err(), "{bad}");
         }
         assert_eq!(seconds("0.5"), Ok(Duration::from_millis(500)));
         assert_eq!(pass_range("3..7"), Ok(3..7));

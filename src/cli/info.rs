@@ -27,7 +27,7 @@ fn print_program() {
     console::result(&format!(
         "caustica {}\nbackends: {backends}\ncpu: {}\ncpu features: {}\nthreads: {}",
         env!("CARGO_PKG_VERSION"),
-        field("/proc/cpuinfo", "model name").unwrap_or_else(|| std::env::consts::ARCH.into()),
+        cpu(),
         cpu_features().join(", "),
         rayon::current_num_threads()
     ));
@@ -101,6 +101,18 @@ pub(super) fn peak_rss_bytes() -> u64 {
     kib.unwrap_or(0) * 1024
 }
 
+/// The processor's name.
+pub(super) fn cpu() -> String {
+    field("/proc/cpuinfo", "model name").unwrap_or_else(|| std::env::consts::ARCH.into())
+}
+
+/// The operating system's name.
+pub(super) fn os() -> String {
+    let text = fs::read_to_string("/etc/os-release").unwrap_or_default();
+    let name = text.lines().find_map(|l| l.strip_prefix("PRETTY_NAME="));
+    name.map_or_else(|| std::env::consts::OS.into(), |name| name.trim_matches('"').into())
+}
+
 /// The value of `name: value` in a file of such lines.
 fn field(file: &str, name: &str) -> Option<String> {
     let text = fs::read_to_string(file).ok()?;
@@ -111,7 +123,7 @@ fn field(file: &str, name: &str) -> Option<String> {
 }
 
 #[cfg(target_arch = "x86_64")]
-fn cpu_features() -> Vec<&'static str> {
+pub(super) fn cpu_features() -> Vec<&'static str> {
     let features = [
         ("sse4.2", is_x86_feature_detected!("sse4.2")),
         ("avx", is_x86_feature_detected!("avx")),
@@ -123,7 +135,7 @@ fn cpu_features() -> Vec<&'static str> {
 }
 
 #[cfg(not(target_arch = "x86_64"))]
-fn cpu_features() -> Vec<&'static str> {
+pub(super) fn cpu_features() -> Vec<&'static str> {
     vec![std::env::consts::ARCH]
 }
 

@@ -3,6 +3,7 @@
 //! Exit status: 0 done, 1 failed while running, 2 bad command line or scene, 130 stopped by Ctrl-C or SIGTERM.
 
 mod args;
+mod bench;
 mod checkpoint;
 mod compare;
 mod console;
@@ -52,6 +53,7 @@ fn run(command: &args::Command, start: Instant) -> caustica::Result<u8> {
         args::Command::Render(args) => render::run(args, start),
         args::Command::Merge(args) => merge::run(args, start).map(|()| 0),
         args::Command::Compare(args) => compare::run(args).map(|()| 0),
+        args::Command::Bench(args) => bench::run(args).map(|()| 0),
         args::Command::Photons(args) => photons::run(args).map(|()| 0),
         args::Command::Info(args) => info::run(args).map(|()| 0),
     }

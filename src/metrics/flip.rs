@@ -20,30 +20,38 @@ const PIXELS_PER_DEGREE: f32 = 0.7 * 3840.0 / 0.7 * PI / 180.0;
 /// not finite.
 pub fn ldr_flip(image: &Image, reference: &Image) -> f64 {
     let linear = |p: Rgb| p.clamp(Vec3::ZERO, Vec3::ONE).to_array().map(srgb_to_linear).into();
-    mean(image, reference, |x, r| error_map(&map(x, linear), &map(r, linear)))
+    if !is_finite(image) || !is_finite(reference) {
+        return f64::NAN;
+    }
+    mean(&error_map(&map(image, linear), &map(reference, linear)))
 }
 
 /// Mean HDR-FLIP, in [0, 1], of linear images of equal size: at each pixel the largest LDR-FLIP over a range of
 /// exposures that follows from the reference, tone-mapped as ACES does. No exposure has to be chosen, and errors in
 /// highlights count as well as those in shadows. NaN if a value is not finite; negative values count as black.
 pub fn hdr_flip(image: &Image, reference: &Image) -> f64 {
-    mean(image, reference, |x, r| {
-        let mut worst = vec![0.0_f32; r.pixels.len()];
-        for exposure in exposures(r) {
-            let show = |p: Rgb| aces(p.max(Vec3::ZERO) * exposure.exp2());
-            let errors = error_map(&map(x, show), &map(r, show));
-            worst.iter_mut().zip(errors).for_each(|(w, e)| *w = w.max(e));
-        }
-        worst
-    })
+    mean(&hdr_flip_map(image, reference))
 }
 
-fn mean(image: &Image, reference: &Image, errors: impl Fn(&Image, &Image) -> Vec<f32>) -> f64 {
-    let finite = |i: &Image| i.pixels.iter().all(|p| p.is_finite());
-    if !finite(image) || !finite(reference) {
-        return f64::NAN;
+/// HDR-FLIP at every pixel, row by row; all NaN if a value is not finite. See [`hdr_flip`].
+pub fn hdr_flip_map(image: &Image, reference: &Image) -> Vec<f32> {
+    if !is_finite(image) || !is_finite(reference) {
+        return vec![f32::NAN; reference.pixels.len()];
     }
-    let errors = errors(image, reference);
+    let mut worst = vec![0.0_f32; reference.pixels.len()];
+    for exposure in exposures(reference) {
+        let show = |p: Rgb| aces(p.max(Vec3::ZERO) * exposure.exp2());
+        let errors = error_map(&map(image, show), &map(reference, show));
+        worst.iter_mut().zip(errors).for_each(|(w, e)| *w = w.max(e));
+    }
+    worst
+}
+
+fn is_finite(image: &Image) -> bool {
+    image.pixels.iter().all(|p| p.is_finite())
+}
+
+fn mean(errors: &[f32]) -> f64 {
     errors.iter().map(|&e| e as f64).sum::<f64>() / errors.len() as f64
 }
 

@@ -5,7 +5,7 @@
 
 mod flip;
 
-pub use flip::{hdr_flip, ldr_flip};
+pub use flip::{hdr_flip, hdr_flip_map, ldr_flip};
 
 use crate::image_io::Image;
 use crate::{Error, Result};

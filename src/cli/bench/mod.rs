@@ -1,0 +1,284 @@
+//! `caustica bench`: run time against error.
+
+mod baseline;
+mod own;
+mod page;
+mod peer;
+mod pictures;
+mod plot;
+mod reference;
+mod report;
+mod results;
+
+use super::args::{BackendName, BenchArgs, IntegratorName, SceneArgs};
+use super::console;
+use super::prepare::{prepare, with_threads};
+use baseline::Verdict;
+use caustica::image_io::{self, Image};
+use caustica::{Error, Result, accel, metrics};
+use clap::ValueEnum;
+use report::{Report, RunInfo, Scene};
+use results::{Curve, Method, Row};
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+pub(super) fn run(args: &BenchArgs) -> Result<()> {
+    with_threads(&args.common, || {
+        let names = scene_names(&args.scenes)?;
+        let then = args.baseline.as_deref().map(results::read).transpose()?.unwrap_or_default();
+        for dir in [args.output.join("plots"), args.output.join("images")] {
+            fs::create_dir_all(&dir)
+                .map_err(|e| Error::Runtime(format!("cannot create '{}': {e}", dir.display())))?;
+        }
+        let mut bench = Bench {
+            args,
+            budgets: budgets(args.time),
+            report: Report {
+                info: RunInfo::new(args.repeats),
+                scenes: Vec::new(),
+                rows: Vec::new(),
+                pictured: BTreeSet::new(),
+                notes: Vec::new(),
+                baseline: args.baseline.as_ref().map(|file| file.display().to_string()),
+                then: Curve::all(&then),
+            },
+        };
+        if cfg!(debug_assertions) {
+            bench.note("this is no release build: its times mean little".into());
+        }
+        for (scene, name) in args.scenes.iter().zip(names) {
+            bench.add_scene(scene, name)?;
+        }
+        let contenders = Contender::all(args);
+        let mut out = BTreeSet::new();
+        // A slow spell of the machine should not hit all runs of one contender: each has its turn.
+        for repeat in 0..args.repeats {
+            for (scene, file) in args.scenes.iter().enumerate() {
+                for (i, contender) in contenders.iter().enumerate() {
+                    if !out.contains(&(scene, i)) && !bench.measure(scene, file, contender, repeat)? {
+                        out.insert((scene, i));
+                    }
+                    bench.report.write(&args.output)?;
+                }
+            }
+        }
+        bench.conclude()
+    })
+}
+
+/// What scenes are called: by their files.
+fn scene_names(scenes: &[PathBuf]) -> Result<Vec<String>> {
+    let mut names: Vec<String> = Vec::new();
+    for scene in scenes {
+        let name = scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        if names.iter().any(|n| results::slug(n) == results::slug(&name)) {
+            let message = format!("two scenes are called '{name}'; bench them into two directories");
+            return Err(Error::Usage(message));
+        }
+        names.push(name);
+    }
+    Ok(names)
+}
+
+/// `time` in seconds, and its halves, quarters and so on before.
+fn budgets(time: Duration) -> Vec<f64> {
+    (0..=6).rev().map(|k| time.as_secs_f64() / f64::from(1 << k)).collect()
+}
+
+/// The largest of `budgets` that `seconds` have used up.
+fn budget(budgets: &[f64], seconds: f64) -> Option<f64> {
+    budgets.iter().copied().rev().find(|b| *b <= seconds)
+}
+
+enum Contender<'a> {
+    Own(IntegratorName, BackendName),
+    Peer(&'a str),
+}
+
+impl Contender<'_> {
+    fn all(args: &BenchArgs) -> Vec<Contender<'_>> {
+        let integrators: Vec<_> =
+            args.integrator.map_or_else(|| IntegratorName::value_variants().into(), |i| vec![i]);
+        let available = |b: &BackendName| accel::available().contains(&b.backend());
+        let backends: Vec<_> = match args.common.backend {
+            Some(backend) => vec![backend],
+            None => BackendName::value_variants().iter().copied().filter(available).collect(),
+        };
+        let own = integrators.iter().flat_map(|&i| backends.iter().map(move |&b| Contender::Own(i, b)));
+        own.chain(args.peers.iter().map(|command| Contender::Peer(command))).collect()
+    }
+}
+
+/// What a contender is to do.
+struct Task<'a> {
+    file: &'a Path,
+    /// The scene's name.
+    scene: &'a str,
+    /// Pixels of the picture.
+    size: (usize, usize),
+    /// Seconds, growing.
+    budgets: &'a [f64],
+    seed: u64,
+    threads: usize,
+    /// What the command line says of scenes.
+    common: &'a SceneArgs,
+}
+
+/// A picture, and when it was there.
+struct Shot {
+    budget: f64,
+    seconds: f64,
+    load_seconds: f64,
+    passes: u64,
+    image: Image,
+}
+
+/// What came of a [`Task`].
+enum Outcome {
+    Measured(Method, Vec<Shot>),
+    /// Why it was not done.
+    Skipped(String),
+}
+
+struct Bench<'a> {
+    args: &'a BenchArgs,
+    /// Seconds, growing.
+    budgets: Vec<f64>,
+    report: Report,
+}
+
+impl Bench<'_> {
+    fn note(&mut self, note: String) {
+        self.args.common.verbosity.note("note: ", &note);
+        self.report.notes.push(note);
+    }
+
+    fn add_scene(&mut self, file: &Path, name: String) -> Result<()> {
+        let prepared = prepare(file, &self.args.common, self.args.integrator.map(|i| i.kind()))?;
+        let reference = reference::reference(self.args, &name, &prepared)?;
+        let picture = self.args.output.join("images").join(page::reference_name(&name));
+        image_io::write_png(&picture, &reference.image, pictures::exposure(&reference.image))?;
+        self.report.scenes.push(Scene { name, reference });
+        Ok(())
+    }
+
+    /// Runs `contender` once on a scene; false if it cannot take part. What others have measured is not lost by that.
+    fn measure(&mut self, scene: usize, file: &Path, contender: &Contender, repeat: u32) -> Result<bool> {
+        let Scene { name, reference } = &self.report.scenes[scene];
+        let task = Task {
+            file,
+            scene: name,
+            size: (reference.image.width, reference.image.height),
+            budgets: &self.budgets,
+            seed: self.args.common.seed.wrapping_add(repeat.into()),
+            threads: self.report.info.threads,
+            common: &self.args.common,
+        };
+        let (name, seed) = (name.clone(), task.seed);
+        let outcome = match *contender {
+            Contender::Own(integrator, backend) => own::run(integrator, backend, &task)?,
+            Contender::Peer(command) => peer::run(command, &task, &self.args.output.join("peer")),
+        };
+        let (method, shots) = match outcome {
+            Outcome::Measured(method, shots) => (method, shots),
+            Outcome::Skipped(why) => {
+                self.note(format!("{name}: {why}"));
+                return Ok(false);
+            }
+        };
+        for shot in &shots {
+            let row = self.judge(scene, &method, seed, shot)?;
+            self.report.rows.push(row);
+        }
+        if let Some(last) = shots.last() {
+            let row = &self.report.rows[self.report.rows.len() - 1];
+            let told =
+                format!("{name}: {}, {:.1} s: relmse {:.2e}", method.label(), last.seconds, row.relmse);
+            self.args.common.verbosity.note("", &told);
+            if repeat == 0 {
+                let dir = self.args.output.join("images");
+                pictures::write(&dir, &method.slug(), &last.image, &self.report.scenes[scene].reference)?;
+                self.report.pictured.insert(method.slug());
+            }
+        }
+        Ok(true)
+    }
+
+    fn judge(&self, scene: usize, method: &Method, seed: u64, shot: &Shot) -> Result<Row> {
+        let reference = &self.report.scenes[scene].reference;
+        let c = metrics::compare(&shot.image, &reference.image)?;
+        let Method { scene, renderer, version, integrator, backend } = method.clone();
+        Ok(Row {
+            scene,
+            renderer,
+            version,
+            integrator,
+            backend,
+            threads: self.report.info.threads,
+            width: shot.image.width,
+            height: shot.image.height,
+            seed,
+            budget: shot.budget,
+            seconds: shot.seconds,
+            load_seconds: shot.load_seconds,
+            passes: shot.passes,
+            relmse: c.relmse,
+            reference_relmse: reference.relmse,
+            rmse: c.rmse,
+            mae: c.mae,
+            bias_r: c.bias[0],
+            bias_g: c.bias[1],
+            bias_b: c.bias[2],
+            flip: c.flip,
+        })
+    }
+
+    /// Writes the report, and tells what it says in a few words.
+    fn conclude(self) -> Result<()> {
+        let curves = self.report.write(&self.args.output)?;
+        for Curve { method, points } in &curves {
+            if let Some(last) = points.last() {
+                let (scene, label) = (&method.scene, method.label());
+                let (relmse, seconds) = (last.error.median, last.seconds.median);
+                console::result(&format!("{scene}, {label}: relmse {relmse:.2e} in {seconds:.2} s"));
+            }
+        }
+        let mut worse = Vec::new();
+        for change in self.report.changes(&curves) {
+            let label = format!("{}, {}", change.method.scene, change.method.label());
+            let verdict = change.verdict.name();
+            console::result(&format!("{label}: cost ×{:.3}, {verdict}", change.cost));
+            if change.verdict == Verdict::Worse {
+                worse.push(label);
+            }
+        }
+        let page = self.args.output.join("index.html");
+        self.args.common.verbosity.note("", &format!("{} shows it all", page.display()));
+        if worse.is_empty() {
+            return Ok(());
+        }
+        Err(Error::Runtime(format!("worse than the baseline: {}", worse.join("; "))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn budgets_double() {
+        assert_eq!(budgets(Duration::from_secs(16)), [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0]);
+        assert_eq!(budget(&[1.0, 2.0], 0.9), None);
+        assert_eq!(budget(&[1.0, 2.0], 1.9), Some(1.0));
+        assert_eq!(budget(&[1.0, 2.0], 7.0), Some(2.0));
+    }
+
+    #[test]
+    fn names_are_told_apart() {
+        let names = |files: &[&str]| scene_names(&files.iter().map(PathBuf::from).collect::<Vec<_>>());
+        assert_eq!(names(&["a/ring.xml", "pool.obj"]).unwrap(), ["ring", "pool"]);
+        assert!(names(&["a/ring.xml", "b/ring.xml"]).is_err());
+    }
+}

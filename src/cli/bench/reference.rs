@@ -1,0 +1,108 @@
+//! What pictures are compared with.
+
+use super::super::args::BenchArgs;
+use super::super::prepare::Prepared;
+use super::results::slug;
+use caustica::image_io::{self, Image};
+use caustica::integrator::{Budget, Kind, Options, State};
+use caustica::part_file::{self, Identity};
+use caustica::{Error, Result};
+use indicatif::{ProgressBar, ProgressDrawTarget};
+use std::fs;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+pub(super) struct Reference {
+    pub(super) image: Image,
+    /// Its own relmse; 0 if unknown.
+    pub(super) relmse: f64,
+    /// Where it comes from.
+    pub(super) origin: String,
+}
+
+/// The reference of the scene called `name`, given or computed.
+pub(super) fn reference(args: &BenchArgs, name: &str, prepared: &Prepared) -> Result<Reference> {
+    let reference = match &args.reference {
+        None => computed(args, name, prepared)?,
+        Some(given) => {
+            let file = given_file(given, name, args.scenes.len())?;
+            let noise = args.reference_noise.iter().find(|(scene, _)| scene == name);
+            Reference {
+                image: image_io::read(&file)?,
+                relmse: noise.map_or(0.0, |n| n.1),
+                origin: file.display().to_string(),
+            }
+        }
+    };
+    let (.., width, height) = prepared.scene.film.crop;
+    let Image { width: w, height: h, .. } = reference.image;
+    if (w, h) != (width as usize, height as usize) {
+        return Err(Error::Usage(format!(
+            "the reference {} has {w}x{h} pixels, the scene {width}x{height}; see --size",
+            reference.origin
+        )));
+    }
+    Ok(reference)
+}
+
+fn given_file(given: &Path, name: &str, scenes: usize) -> Result<PathBuf> {
+    if given.is_dir() {
+        return Ok(given.join(format!("{name}.exr")));
+    }
+    if scenes > 1 {
+        let message = format!("'{}' is no directory, but there are {scenes} scenes", given.display());
+        return Err(Error::Usage(message));
+    }
+    Ok(given.into())
+}
+
+/// Often enough to lose little.
+const CHECKPOINT: Duration = Duration::from_secs(60);
+
+/// Traced once, and kept as a part file: with it an interrupted bench goes on where it was, and another scene of the same
+/// name is not mistaken for it.
+fn computed(args: &BenchArgs, name: &str, prepared: &Prepared) -> Result<Reference> {
+    let options = Options {
+        integrator: Kind::Path,
+        // Runs to be judged must not share its random numbers.
+        seed: !args.common.seed,
+        budget: Budget::Passes(args.reference_passes),
+        ..prepared.options.clone()
+    };
+    let dir = args.output.join("reference");
+    fs::create_dir_all(&dir)
+        .map_err(|e| Error::Runtime(format!("cannot create '{}': {e}", dir.display())))?;
+    let identity = Identity::new(&prepared.scene, prepared.backend, &options);
+    let file = dir.join(format!("{}-{:.8}.part", slug(name), identity.scene));
+    let mut state = match part_file::read(&file) {
+        Ok((header, state)) if header.identity == identity && header.range().start == 0 => state,
+        _ => State::new(&prepared.scene, &options, 0)?,
+    };
+    let keep = |state: &State| part_file::write(&file, &identity, name, state);
+    if state.range().end < args.reference_passes {
+        let verbosity = &args.common.verbosity;
+        verbosity.note("", &format!("{name}: tracing {} passes for a reference", args.reference_passes));
+        let target =
+            if verbosity.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+        let bar = ProgressBar::with_draw_target(Some(args.reference_passes.into()), target);
+        let (mut last, mut kept) = (Instant::now(), Ok(()));
+        state.render(&prepared.scene, &options, &mut |progress, state| {
+            bar.set_position(progress.passes.into());
+            if last.elapsed() > CHECKPOINT {
+                kept = keep(state);
+                last = Instant::now();
+            }
+            if kept.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        });
+        bar.finish_and_clear();
+        kept.and_then(|()| keep(&state))?;
+    }
+    let passes = state.range().end;
+    let rendering = state.resolve();
+    Ok(Reference {
+        relmse: rendering.error.total().powi(2),
+        origin: format!("{passes} passes of the path tracer ({})", file.display()),
+        image: rendering.image,
+    })
+}
