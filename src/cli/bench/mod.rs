@@ -45,11 +45,11 @@ pub(super) fn run(args: &BenchArgs) -> Result<()> {
                 then: Curve::all(&then),
             },
         };
-        if cfg!(debug_assertions) {
-            bench.note("this is no release build: its times mean little".into());
-        }
         for (scene, name) in args.scenes.iter().zip(names) {
             bench.add_scene(scene, name)?;
+        }
+        if cfg!(debug_assertions) {
+            bench.note("this is no release build: its times mean little".into());
         }
         let contenders = Contender::all(args);
         let mut out = BTreeSet::new();

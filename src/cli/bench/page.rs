@@ -119,7 +119,7 @@ fn table(curves: &[&Curve]) -> Markup {
                         @for &target in &targets {
                             td {
                                 @match curve.time_to(target) {
-                                    None => { (format!("> {:.3}", last.seconds.median)) },
+                                    None => { "> " (seconds(last.seconds.median)) },
                                     Some(reached) => {
                                         @if reached.at_once { "≤ " }
                                         (seconds(reached.seconds))

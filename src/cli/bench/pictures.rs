@@ -21,15 +21,20 @@ pub(super) fn write(dir: &Path, slug: &str, image: &Image, reference: &Reference
     let [picture, flip, error] = names(slug).map(|name| dir.join(name));
     write_png(&picture, image, exposure(&reference.image))?;
     let errors = metrics::hdr_flip_map(image, &reference.image);
-    let colors = errors.iter().map(|&e| linear(ViridisRGB.get_color(e)));
+    let colors = errors.iter().map(|&e| linear(ViridisRGB.get_color(or_worst(e))));
     write_png(&flip, &Image { pixels: colors.collect(), ..*image }, 0.0)?;
     let map = DerivedColorMap::new(&[RGBColor(5, 48, 150), RGBColor(247, 247, 247), RGBColor(150, 10, 20)]);
     let colors = image.pixels.iter().zip(&reference.image.pixels).map(|(x, r)| {
         let relative = (*x - *r) / (*r * *r + 0.01).map(f32::sqrt);
         let mean = relative.element_sum() / 3.0;
-        linear(map.get_color((0.5 + 0.5 * mean / FULL_ERROR).clamp(0.0, 1.0)))
+        linear(map.get_color(or_worst(0.5 + 0.5 * mean / FULL_ERROR).clamp(0.0, 1.0)))
     });
     write_png(&error, &Image { pixels: colors.collect(), ..*image }, 0.0)
+}
+
+/// A broken pixel is as wrong as can be.
+fn or_worst(error: f32) -> f32 {
+    if error.is_nan() { 1.0 } else { error }
 }
 
 fn linear(RGBColor(r, g, b): RGBColor) -> Rgb {
@@ -58,8 +63,7 @@ mod tests {
         let [same, bright, dark, broken] = error.pixels[..] else { panic!() };
         assert!(same.min_element() > 0.9);
         assert!(bright.x > 2.0 * bright.z && dark.z > 2.0 * dark.x);
-        // A broken pixel is not a good one.
-        assert_ne!(broken, same);
+        assert_eq!(broken, bright);
         assert!(flip.pixels.iter().all(|p| p.is_finite()));
     }
 }

@@ -3,6 +3,7 @@
 use super::results::{Curve, Point};
 use caustica::image_io::replace_file;
 use caustica::{Error, Result};
+use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 use std::io::Write;
 use std::path::Path;
@@ -48,7 +49,7 @@ fn draw(title: &str, curves: &[&Curve], floor: f64) -> Result<String, Box<dyn st
         .label_style((FONT, 14))
         .x_desc("seconds, loading included")
         .y_desc("relmse less the reference's own")
-        .x_label_formatter(&|x| format!("{x}"))
+        .x_label_formatter(&|x| seconds(*x))
         .y_label_formatter(&|y| format!("{y:.0e}"))
         .draw()?;
     if floor > y0 {
@@ -71,11 +72,10 @@ fn draw(title: &str, curves: &[&Curve], floor: f64) -> Result<String, Box<dyn st
             }
             Some(_) => chart.draw_series(DashedLineSeries::new(line, 6, 4, style))?,
         };
-        series.label(curve.method.label()).legend(move |(x, y)| {
-            let gap = if index.is_some() { 4 } else { 0 };
-            let parts = [(x, y), (x + 10 - gap, y), (x + 10, y), (x + 20, y)];
-            PathElement::new(parts, style)
-        });
+        let gap = if index.is_some() { 4 } else { 0 };
+        series
+            .label(curve.method.label())
+            .legend(move |(x, y)| DashedPathElement::new([(x, y), (x + 22, y)], 6, gap, style));
         // The runs' extremes in error and in time.
         let crosses = curve.points.iter().filter(shown).flat_map(|p| {
             let (s, e) = (p.seconds, p.error);
@@ -96,6 +96,17 @@ fn draw(title: &str, curves: &[&Curve], floor: f64) -> Result<String, Box<dyn st
     Ok(svg)
 }
 
+/// Every second of a decade would be too crowded.
+fn seconds(x: f64) -> String {
+    let decade = 10.0_f64.powf(x.log10().floor());
+    let digit = (x / decade).round();
+    if [1.0, 2.0, 5.0, 10.0].contains(&digit) {
+        format!("{}", (x * 1e6).round() / 1e6)
+    } else {
+        String::new()
+    }
+}
+
 /// From a little below the smallest to a little above the largest.
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (min, max) = values.fold((f64::INFINITY, 0.0_f64), |(a, b), v| (a.min(v), b.max(v)));
@@ -106,6 +117,12 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
 mod tests {
     use super::super::results::tests::run;
     use super::*;
+
+    #[test]
+    fn seconds_are_round() {
+        let ticks = [0.1 * 3.0, 0.1 * 2.0, 1.0, 0.5, 7.0, 20.000000000000004];
+        assert_eq!(ticks.map(seconds), ["", "0.2", "1", "0.5", "", "20"]);
+    }
 
     #[test]
     fn every_curve_is_drawn() {
