@@ -41,8 +41,11 @@ pub(super) fn page(report: &Report, curves: &[Curve], changes: &[Change]) -> Str
                 }
                 p {
                     "Seconds are wall time from the start of loading a scene to the picture. relmse is the mean over pixels and "
-                    "channels of (x − ref)² / (ref² + 0.01), less the reference's own error where it is known. Medians of "
-                    (info.repeats) " runs with different seeds, their extremes in brackets and as crosses in the plots. "
+                    "channels of (x − ref)² / (ref² + 0.01), less the reference's own error where it is known. "
+                    @if info.repeats > 1 {
+                        "Medians of " (info.repeats) " runs with different seeds, their extremes in brackets and as crosses in "
+                        "the plots. "
+                    }
                     "All figures: " a href="results.csv" { "results.csv" } ", " a href="run.json" { "run.json" } "."
                 }
                 @if !report.notes.is_empty() {

@@ -45,7 +45,7 @@ fn draw(title: &str, curves: &[&Curve], floor: f64) -> Result<String, Box<dyn st
     chart
         .configure_mesh()
         .bold_line_style(BLACK.mix(0.2))
-        .light_line_style(BLACK.mix(0.06))
+        .light_line_style(TRANSPARENT)
         .label_style((FONT, 14))
         .x_desc("seconds, loading included")
         .y_desc("relmse less the reference's own")
