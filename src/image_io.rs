@@ -132,9 +132,17 @@ fn reason(e: &io::Error) -> String {
     }
 }
 
-fn check_size(width: u64, height: u64) -> std::result::Result<(), String> {
+/// Most pixels that a byte of a file can hold: 8 to a byte, of which DEFLATE packs at most 1032 into one.
+const MAX_PIXELS_PER_BYTE: u64 = 8 * 1032;
+
+/// A few bytes of header must not claim gigabytes.
+fn check_size(path: &Path, width: u64, height: u64) -> std::result::Result<(), String> {
+    let bytes = fs::metadata(path).map_err(|e| e.to_string())?.len();
     match width.checked_mul(height) {
         Some(0) => Err("it has no pixels".into()),
+        Some(n) if n > MAX_PIXELS_PER_BYTE.saturating_mul(bytes) => {
+            Err(format!("the file is too short for {width}x{height} pixels"))
+        }
         Some(n) if n <= MAX_PIXELS => Ok(()),
         _ => Err(format!("{width}x{height} pixels are too many (at most {MAX_PIXELS})")),
     }
@@ -166,12 +174,7 @@ fn read_exr(path: &Path) -> std::result::Result<Image, String> {
         .ok_or("it has neither channels R, G, B nor Y (deep images are not supported)")?;
     let size = meta.headers[part].layer_size;
     let (width, height) = (size.width(), size.height());
-    check_size(width as u64, height as u64)?;
-    // No compression packs 65536 pixels into a byte: a few damaged bytes of header must not claim gigabytes.
-    let bytes = fs::metadata(path).map_err(|e| e.to_string())?.len();
-    if (width * height) as u64 / 65536 > bytes {
-        return Err(format!("the file is too short for {width}x{height} pixels"));
-    }
+    check_size(path, width as u64, height as u64)?;
     let create = |size: ex::Vec2<usize>| Image {
         width: size.width(),
         height: size.height(),
@@ -236,7 +239,7 @@ fn read_other(path: &Path, srgb: bool) -> std::result::Result<Image, String> {
     reader.limits(limits);
     let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
     let (width, height) = decoder.dimensions();
-    check_size(width as u64, height as u64)?;
+    check_size(path, width as u64, height as u64)?;
     let decoded = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
     let table = |max: u32| -> Vec<f32> {
         let linear = |x: f32| if srgb { srgb_to_linear(x) } else { x };
@@ -667,6 +670,15 @@ mod tests {
         bytes[at + 8..at + 16].copy_from_slice(&[0x60, 0xea, 0, 0, 0x60, 0xea, 0, 0]);
         fs::write(&small, &bytes).unwrap();
         error(read(&small));
+        // One that claims 10000x10000, whatever the format.
+        let path = dir.path().join("small.bmp");
+        image::RgbImage::new(2, 2).save(&path).unwrap();
+        let mut bytes = fs::read(&path).unwrap();
+        for at in [18, 22] {
+            bytes[at..at + 4].copy_from_slice(&10_000_u32.to_le_bytes());
+        }
+        fs::write(&path, &bytes).unwrap();
+        assert!(error(read(&path)).contains("too short for 10000x10000"));
     }
 
     #[test]

@@ -103,6 +103,10 @@ impl<'a> Loader<'a> {
     }
 
     fn two_sided(&mut self, props: Props<'a>) -> Result<Material> {
+        // Two bsdfs that refer to the same two, and so on, would take time and memory without end.
+        if let Some((inner, _)) = props.children()?.iter().find(|(c, _)| c.object.plugin == "twosided") {
+            return Err(inner.error("a twosided cannot stand inside a twosided: use the bsdfs inside it"));
+        }
         let mut nested = self.nested_bsdfs(props, 2)?.into_iter();
         let Some(front) = nested.next() else { return Err(props.error("a twosided needs a bsdf inside")) };
         let back = nested.next();
