@@ -227,12 +227,24 @@ fn read_exr(path: &Path) -> std::result::Result<Image, String> {
     Ok(image)
 }
 
+const JPEG_START: [u8; 3] = [0xFF, 0xD8, 0xFF];
+const JPEG_END: [u8; 2] = [0xFF, 0xD9];
+
 fn read_other(path: &Path, srgb: bool) -> std::result::Result<Image, String> {
-    use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
-    let mut reader =
-        ImageReader::open(path).and_then(|r| r.with_guessed_format()).map_err(|e| e.to_string())?;
+    use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+    let mut bytes = fs::read(path).map_err(|e| reason(&e))?;
+    // zune-jpeg 0.4 waits for ever for the end of a JPEG that is cut off behind a restart marker. What comes after the
+    // first end is not looked at.
+    if bytes.starts_with(&JPEG_START) {
+        bytes.extend(JPEG_END);
+    }
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
     if reader.format().is_none() {
-        return Err("unknown format; use OpenEXR, PNG, JPEG, BMP, TGA or Radiance HDR".into());
+        // TGA has no signature.
+        reader = match ImageFormat::from_path(path) {
+            Ok(format) => ImageReader::with_format(reader.into_inner(), format),
+            Err(_) => return Err("unknown format; use OpenEXR, PNG, JPEG, BMP, TGA or Radiance HDR".into()),
+        }
     }
     let mut limits = Limits::default();
     limits.max_alloc = Some(16 * MAX_PIXELS);
@@ -679,6 +691,16 @@ mod tests {
         }
         fs::write(&path, &bytes).unwrap();
         assert!(error(read(&path)).contains("too short for 10000x10000"));
+    }
+
+    /// Found by fuzzing: a progressive JPEG that ends behind a restart marker took for ever.
+    #[test]
+    fn a_cut_off_jpeg_comes_to_an_end() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("endless.jpg");
+        fs::write(&path, include_bytes!("../tests/data/endless.jpg")).unwrap();
+        let image = read(&path).unwrap();
+        assert_eq!((image.width, image.height), (12, 9));
     }
 
     #[test]
