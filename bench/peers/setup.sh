@@ -1,0 +1,15 @@
+#!/bin/sh
+# Makes a virtualenv with the renderers that pip has, and LLVM for Mitsuba's llvm variants. May be run again.
+set -eu
+directory=${1:?usage: bench/peers/setup.sh DIRECTORY}
+
+[ -x "$directory/bin/python" ] || python3 -m venv "$directory"
+"$directory/bin/pip" install --quiet mitsuba pyluxcore numpy
+
+if ! ls /usr/lib/*/libLLVM* >/dev/null 2>&1; then
+    if [ "$(id -u)" = 0 ]; then
+        apt-get update && apt-get install --yes libllvm19
+    else
+        echo "for mitsuba's llvm variants: apt-get install libllvm19" >&2
+    fi
+fi
