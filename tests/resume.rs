@@ -5,7 +5,7 @@ mod common;
 use caustica::Error;
 use caustica::accel::Backend;
 use caustica::image_io;
-use caustica::integrator::{Budget, Kind, Options, Rendering, State};
+use caustica::integrator::{Budget, Kind, Layout, Options, Rendering, State};
 use caustica::math::{Sampler, Stream};
 use caustica::part_file::{self, Identity};
 use caustica::scene::Scene;
@@ -633,6 +633,25 @@ fn parts_that_do_not_fit() {
     dir.succeed("render a.xml -q --pass-range 2..3 --aovs -o s.part");
     fail("s.part a.0-2.part", &["s.part: does not belong to a.0-2.part", "with --aovs, not without"]);
     assert!(!dir.path("m.exr").exists());
+}
+
+/// Parts whose headers agree in all but what their sums mean.
+#[test]
+fn sums_of_another_layout_are_refused() {
+    let dir = Dir::new();
+    let common = "render a.xml -q --backend bvh";
+    dir.succeed(&format!("{common} --pass-range 0..1"));
+    dir.succeed(&format!("{common} --pass-range 1..2"));
+    let (header, state) = part_file::read(&dir.path("a.1-2.part")).unwrap();
+    let other = Layout { fine: !state.layout().fine, ..state.layout() };
+    for first in [0, 1] {
+        let mut state = State::empty(other, first);
+        *state.film_mut().contents_mut().0 = [1 - first, first];
+        let name = format!("other{first}.part");
+        part_file::write(&dir.path(&name), &header.identity, "a.xml", &state).unwrap();
+    }
+    dir.fail("merge a.0-1.part other1.part -o a.exr", 2, &["laid out"]);
+    dir.fail(&format!("{common} --passes 2 --resume other0.part -o a.exr"), 2, &["laid out"]);
 }
 
 #[test]

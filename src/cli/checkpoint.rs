@@ -1,7 +1,7 @@
 //! `--checkpoint` and `--resume` of `caustica render`.
 
 use super::args::Verbosity;
-use caustica::integrator::State;
+use caustica::integrator::{Layout, State};
 use caustica::part_file::{self, Identity};
 use caustica::{Error, Result};
 use std::ops::RangeInclusive;
@@ -35,12 +35,23 @@ impl Checkpoint<'_> {
     }
 }
 
-/// The render kept in `file`, if it is one of `identity` that starts at pass `first` and holds at most `total` passes.
-pub(super) fn resume(file: &Path, identity: &Identity, first: u32, total: Option<u32>) -> Result<State> {
+/// The render kept in `file`, if it is one of `identity` and `layout` that starts at pass `first` and holds at most
+/// `total` passes.
+pub(super) fn resume(
+    file: &Path,
+    identity: &Identity,
+    layout: Layout,
+    first: u32,
+    total: Option<u32>,
+) -> Result<State> {
     let fail = |message| Err(Error::File { file: file.into(), message });
     let (header, state) = part_file::read(file)?;
     if let Some(difference) = header.identity.difference(identity) {
         return fail(format!("cannot be resumed: it was rendered {difference}"));
+    }
+    // The identity settles the layout, but not of a file that was made to deceive.
+    if state.layout() != layout {
+        return fail("cannot be resumed: its sums are not laid out as those of this scene".into());
     }
     let range = header.range();
     if range.start != first {

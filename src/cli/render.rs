@@ -5,7 +5,7 @@ use super::checkpoint::{Checkpoint, resume};
 use super::output::{Format, Origin, Run, Stats, error_text, write_image};
 use super::prepare::{Prepared, prepare, with_threads};
 use super::{INTERRUPTED, info};
-use caustica::integrator::{Budget, Progress, State};
+use caustica::integrator::{Budget, Layout, Progress, State};
 use caustica::part_file::{self, Identity};
 use caustica::{Error, Result, image_io};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -50,7 +50,7 @@ pub(super) fn run(args: &RenderArgs, start: Instant) -> Result<u8> {
                     Budget::Passes(n) => Some(n),
                     _ => None,
                 };
-                resume(file, identity, first, total)?
+                resume(file, identity, Layout::new(&prepared.scene, &prepared.options), first, total)?
             }
             _ => State::new(&prepared.scene, &prepared.options, first)?,
         };

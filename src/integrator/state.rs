@@ -112,6 +112,16 @@ pub struct Layout {
 }
 
 impl Layout {
+    /// What passes of `scene` are laid out for.
+    pub fn new(scene: &Scene, options: &Options) -> Layout {
+        Layout::of(scene, options, &Plan::new(scene, options))
+    }
+
+    fn of(scene: &Scene, options: &Options, plan: &Plan) -> Layout {
+        let (_, _, width, height) = scene.film.crop;
+        Layout { size: (width, height), fine: plan.has_photons(), aovs: options.aovs }
+    }
+
     fn layers(self) -> usize {
         if self.aovs { layer::COUNT } else { 0 }
     }
@@ -156,8 +166,7 @@ impl State {
             return Err(Error::Usage("the film has no pixels".into()));
         }
         let plan = Plan::new(scene, options);
-        let layout = Layout { size: (width, height), fine: plan.has_photons(), aovs: options.aovs };
-        let mut state = State::empty(layout, first);
+        let mut state = State::empty(Layout::of(scene, options, &plan), first);
         state.statistics.skipped = plan.skipped;
         Ok(state)
     }
@@ -244,11 +253,14 @@ impl State {
     /// Takes in `next`, which goes on where this state ends.
     ///
     /// # Errors
-    /// [`Error::Usage`] if it does not.
+    /// [`Error::Usage`] if it does not, or if its sums are laid out in another way.
     pub fn merge(&mut self, next: &State) -> Result<()> {
         let (own, next_range) = (self.range(), next.range());
         if own.end != next_range.start {
             return Err(Error::Usage(format!("passes {own:?} and {next_range:?} do not follow each other")));
+        }
+        if self.layout != next.layout {
+            return Err(Error::Usage("sums that are laid out in different ways cannot be added".into()));
         }
         self.film.merge(&next.film);
         self.statistics += &next.statistics;
