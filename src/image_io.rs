@@ -373,12 +373,14 @@ fn sort_attributes(bytes: &mut [u8]) {
 /// [`Error::Runtime`] if it cannot be written; an old file then stays as it was.
 pub fn write_png(path: &Path, image: &Image, exposure: f32) -> Result<()> {
     use image::ImageEncoder;
+    use image::codecs::png::{CompressionType, FilterType, PngEncoder};
     let scale = exposure.exp2();
     // NaN becomes black: casts take it to zero.
     let encode = |x: f32| (linear_to_srgb((x * scale).clamp(0.0, 1.0)) * 255.0 + 0.5) as u8;
     let bytes: Vec<u8> = image.pixels.iter().flat_map(|p| p.to_array().map(encode)).collect();
     let mut png = Vec::new();
-    image::codecs::png::PngEncoder::new(&mut png)
+    // The encoder's own choice is fast, and hardly compresses noise.
+    PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive)
         .write_image(&bytes, image.width as u32, image.height as u32, image::ExtendedColorType::Rgb8)
         .map_err(|e| Error::Runtime(format!("cannot write '{}': {e}", path.display())))?;
     replace_file(path, |w| w.write_all(&png))
