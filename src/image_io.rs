@@ -6,7 +6,7 @@ use crate::math::Rgb;
 use crate::{Error, Result};
 use exr::prelude as ex;
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Cursor, Read, Write};
+use std::io::{self, BufRead, BufWriter, Cursor, Read, Seek, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
@@ -136,8 +136,7 @@ fn reason(e: &io::Error) -> String {
 const MAX_PIXELS_PER_BYTE: u64 = 8 * 1032;
 
 /// A few bytes of header must not claim gigabytes.
-fn check_size(path: &Path, width: u64, height: u64) -> std::result::Result<(), String> {
-    let bytes = fs::metadata(path).map_err(|e| e.to_string())?.len();
+fn check_size(bytes: u64, width: u64, height: u64) -> std::result::Result<(), String> {
     match width.checked_mul(height) {
         Some(0) => Err("it has no pixels".into()),
         Some(n) if n > MAX_PIXELS_PER_BYTE.saturating_mul(bytes) => {
@@ -174,7 +173,8 @@ fn read_exr(path: &Path) -> std::result::Result<Image, String> {
         .ok_or("it has neither channels R, G, B nor Y (deep images are not supported)")?;
     let size = meta.headers[part].layer_size;
     let (width, height) = (size.width(), size.height());
-    check_size(path, width as u64, height as u64)?;
+    let bytes = fs::metadata(path).map_err(|e| reason(&e))?.len();
+    check_size(bytes, width as u64, height as u64)?;
     let create = |size: ex::Vec2<usize>| Image {
         width: size.width(),
         height: size.height(),
@@ -227,31 +227,37 @@ fn read_exr(path: &Path) -> std::result::Result<Image, String> {
     Ok(image)
 }
 
-const JPEG_START: [u8; 3] = [0xFF, 0xD8, 0xFF];
-const JPEG_END: [u8; 2] = [0xFF, 0xD9];
-
 fn read_other(path: &Path, srgb: bool) -> std::result::Result<Image, String> {
-    use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
-    let mut bytes = fs::read(path).map_err(|e| reason(&e))?;
-    // zune-jpeg 0.4 waits for ever for the end of a JPEG that is cut off behind a restart marker. What comes after the
-    // first end is not looked at.
-    if bytes.starts_with(&JPEG_START) {
-        bytes.extend(JPEG_END);
-    }
-    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
-    if reader.format().is_none() {
-        // TGA has no signature.
-        reader = match ImageFormat::from_path(path) {
-            Ok(format) => ImageReader::with_format(reader.into_inner(), format),
-            Err(_) => return Err("unknown format; use OpenEXR, PNG, JPEG, BMP, TGA or Radiance HDR".into()),
+    use image::{ImageFormat, ImageReader};
+    const JPEG_END: [u8; 2] = [0xFF, 0xD9];
+    let reader = ImageReader::open(path).and_then(|r| r.with_guessed_format()).map_err(|e| e.to_string())?;
+    let bytes = fs::metadata(path).map_err(|e| reason(&e))?.len();
+    match reader.format() {
+        None => Err("unknown format; use OpenEXR, PNG, JPEG, BMP, TGA or Radiance HDR".into()),
+        Some(ImageFormat::Jpeg) => {
+            // zune-jpeg 0.4 waits for ever for the end of a JPEG that is cut off behind a restart marker. What comes
+            // after the first end is not looked at.
+            let mut file = fs::read(path).map_err(|e| reason(&e))?;
+            file.extend(JPEG_END);
+            decode(ImageReader::with_format(Cursor::new(file), ImageFormat::Jpeg), bytes, srgb)
         }
+        Some(_) => decode(reader, bytes, srgb),
     }
+}
+
+/// Decodes a file that has so many `bytes`.
+fn decode(
+    mut reader: image::ImageReader<impl BufRead + Seek>,
+    bytes: u64,
+    srgb: bool,
+) -> std::result::Result<Image, String> {
+    use image::{DynamicImage, ImageDecoder, Limits};
     let mut limits = Limits::default();
     limits.max_alloc = Some(16 * MAX_PIXELS);
     reader.limits(limits);
     let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
     let (width, height) = decoder.dimensions();
-    check_size(path, width as u64, height as u64)?;
+    check_size(bytes, width as u64, height as u64)?;
     let decoded = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
     let table = |max: u32| -> Vec<f32> {
         let linear = |x: f32| if srgb { srgb_to_linear(x) } else { x };

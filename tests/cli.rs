@@ -1,10 +1,13 @@
 //! The command line from outside: exit status, one-line messages, and what is written.
 
+mod common;
+
 use caustica::image_io::{self, Channels, Image, Layer, Metadata, SampleType};
+use common::program::{Dir, stderr, stdout};
 use glam::Vec3;
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::path::Path;
+use std::process::{Command, Stdio};
 
 /// A square room seen through its missing wall, lit by a square in its ceiling; no caustics.
 const SCENE: &str = r#"<scene version="3.0.0">
@@ -43,21 +46,7 @@ const SCENE: &str = r#"<scene version="3.0.0">
 </scene>
 "#;
 
-struct Dir(tempfile::TempDir);
-
 impl Dir {
-    fn new() -> Dir {
-        Dir(tempfile::tempdir().unwrap())
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn write(&self, name: &str, text: impl AsRef<[u8]>) {
-        fs::write(self.path(name), text).unwrap();
-    }
-
     fn image(&self, name: &str, width: usize, height: usize, value: f32) {
         let image = Image { width, height, pixels: vec![Vec3::splat(value); width * height] };
         let layers = [Layer { name: String::new(), image, channels: Channels::Rgb }];
@@ -68,56 +57,6 @@ impl Dir {
         self.write("room.xml", SCENE);
         self
     }
-
-    fn command(&self, args: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_caustica"));
-        command.current_dir(self.0.path()).args(args.split_whitespace()).stdin(Stdio::null());
-        command
-    }
-
-    fn run(&self, args: &str) -> Output {
-        self.command(args).output().unwrap()
-    }
-
-    #[track_caller]
-    fn succeed(&self, args: &str) -> Output {
-        let out = self.run(args);
-        assert_eq!(out.status.code(), Some(0), "caustica {args}: {}", stderr(&out));
-        out
-    }
-
-    /// The one line of an error, which must contain all of `words`.
-    #[track_caller]
-    fn fail(&self, args: &str, status: i32, words: &[&str]) -> String {
-        let out = self.run(args);
-        let text = stderr(&out);
-        assert_eq!(out.status.code(), Some(status), "caustica {args}: {text}");
-        assert_eq!(text.lines().count(), 1, "caustica {args} prints not one line but: {text}");
-        assert!(text.starts_with("error: "), "{text}");
-        for word in words {
-            assert!(text.contains(word), "caustica {args}: no '{word}' in: {text}");
-        }
-        text
-    }
-
-    fn names(&self) -> Vec<String> {
-        let entries = fs::read_dir(self.0.path()).unwrap();
-        let mut names: Vec<_> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-        names.sort();
-        names
-    }
-
-    fn json(&self, name: &str) -> serde_json::Value {
-        serde_json::from_slice(&fs::read(self.path(name)).unwrap()).unwrap()
-    }
-}
-
-fn stdout(out: &Output) -> String {
-    String::from_utf8(out.stdout.clone()).unwrap()
-}
-
-fn stderr(out: &Output) -> String {
-    String::from_utf8(out.stderr.clone()).unwrap()
 }
 
 #[test]

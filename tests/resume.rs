@@ -9,12 +9,13 @@ use caustica::integrator::{Budget, Kind, Layout, Options, Rendering, State};
 use caustica::math::{Sampler, Stream};
 use caustica::part_file::{self, Identity};
 use caustica::scene::Scene;
+use common::program::{Dir, stderr};
 use common::{backends, params};
 use exr::prelude as ex;
 use std::fs;
 use std::ops::{ControlFlow, Range};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 /// A glass ball over a textured floor and a mesh, under a lamp.
@@ -55,59 +56,18 @@ const SCENE: &str = r#"<scene version="3.0.0">
 
 const WALL: &str = "v -2 0 -1\nv 2 0 -1\nv 2 3 -1\nv -2 3 -1\nf 1 2 3\nf 1 3 4\n";
 
-struct Dir(tempfile::TempDir);
-
 impl Dir {
-    /// With the scene in it.
-    fn new() -> Dir {
-        let dir = Dir(tempfile::tempdir().unwrap());
+    fn with_scene() -> Dir {
+        let dir = Dir::new();
         dir.write("a.xml", SCENE);
         dir.write("wall.obj", WALL);
         dir.floor(200);
         dir
     }
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn write(&self, name: &str, text: impl AsRef<[u8]>) {
-        fs::write(self.path(name), text).unwrap();
-    }
-
     fn floor(&self, blue: u8) {
         let picture = image::RgbImage::from_fn(4, 4, |x, y| image::Rgb([50 * x as u8, 60 * y as u8, blue]));
         picture.save(self.path("floor.png")).unwrap();
-    }
-
-    fn command(&self, args: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_caustica"));
-        command.current_dir(self.0.path()).args(args.split_whitespace()).stdin(Stdio::null());
-        command
-    }
-
-    #[track_caller]
-    fn succeed(&self, args: &str) -> Output {
-        let out = self.command(args).output().unwrap();
-        assert_eq!(out.status.code(), Some(0), "caustica {args}: {}", stderr(&out));
-        out
-    }
-
-    /// Fails with one line that holds all of `words`.
-    #[track_caller]
-    fn fail(&self, args: &str, status: i32, words: &[&str]) {
-        let out = self.command(args).output().unwrap();
-        let text = stderr(&out);
-        assert_eq!(out.status.code(), Some(status), "caustica {args}: {text}");
-        assert_eq!(text.lines().count(), 1, "caustica {args} prints not one line but: {text}");
-        assert!(text.starts_with("error: "), "{text}");
-        for word in words {
-            assert!(text.contains(word), "caustica {args}: no '{word}' in: {text}");
-        }
-    }
-
-    fn json(&self, name: &str) -> serde_json::Value {
-        serde_json::from_slice(&fs::read(self.path(name)).unwrap()).unwrap()
     }
 
     /// All channels of an EXR: names and bits of the samples.
@@ -126,18 +86,13 @@ impl Dir {
     }
 
     fn hidden_files(&self) -> usize {
-        let names = fs::read_dir(self.0.path()).unwrap().map(|e| e.unwrap().file_name());
-        names.filter(|n| n.to_string_lossy().starts_with('.')).count()
+        self.names().iter().filter(|name| name.starts_with('.')).count()
     }
 
     fn scene(&self, backend: Backend) -> Scene {
         let description = caustica::scene::load(&self.path("a.xml"), &[], None).unwrap();
         Scene::new(description, backend).unwrap()
     }
-}
-
-fn stderr(out: &Output) -> String {
-    String::from_utf8(out.stderr.clone()).unwrap()
 }
 
 fn options(integrator: Kind, passes: u32) -> Options {
@@ -167,7 +122,7 @@ fn draw(i: u64, n: usize) -> usize {
 
 #[test]
 fn kept_and_taken_up_again() {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     let file = dir.path("c.part");
     for backend in backends() {
         let scene = dir.scene(backend);
@@ -194,7 +149,7 @@ fn kept_and_taken_up_again() {
 /// Where a render stops by its error does not depend on breaks in between.
 #[test]
 fn error_budget_is_met_at_the_same_pass() {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     let backend = backends().next().unwrap();
     let scene = dir.scene(backend);
     let mut options = options(Kind::Photonmap, 0);
@@ -219,7 +174,7 @@ fn error_budget_is_met_at_the_same_pass() {
 
 #[test]
 fn merged_ranges_are_the_single_run() {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     let bounds = [0, 1, 4, 5, 10, 12, 13, 16];
     for backend in backends() {
         for integrator in ["photonmap", "path"] {
@@ -259,7 +214,7 @@ fn merged_ranges_are_the_single_run() {
 
 #[test]
 fn checkpoints_change_nothing() {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     let common = "render a.xml -q --aovs --checkpoint c.part --checkpoint-interval 0.001";
     dir.succeed("render a.xml -q --aovs --passes 12 -o whole.exr --stats whole.json");
     let whole = dir.channels("whole.exr");
@@ -305,7 +260,7 @@ fn checkpoints_change_nothing() {
 
 /// Kills a render `kills` times at random moments and resumes it, then lets it end.
 fn kill_and_resume(kills: usize, passes: u32, longest: usize) {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     let common = format!("render a.xml -q --aovs --passes {passes}");
     dir.succeed(&format!("{common} -o whole.exr"));
     let (mut killed, mut tries, mut done) = (0, 0, 0);
@@ -355,7 +310,7 @@ fn killed_twenty_times_and_resumed() {
 #[test]
 #[cfg(unix)]
 fn terminated_and_resumed() {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     let args = "render a.xml -q --time 60 -o b.exr --checkpoint c.part --stats s.json";
     let child = dir.command(args).stderr(Stdio::piped()).spawn().unwrap();
     std::thread::sleep(Duration::from_secs(1));
@@ -378,7 +333,7 @@ fn terminated_and_resumed() {
 #[test]
 #[cfg(target_os = "linux")]
 fn full_disk() {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     dir.succeed("render a.xml -q --passes 1 -o whole.exr");
     // The checkpoint cannot be written: told at once, an error in the end, but there is an image.
     let out = dir
@@ -429,7 +384,7 @@ fn full_disk() {
             "-o",
             "b.exr",
         ])
-        .current_dir(dir.0.path())
+        .current_dir(dir.root())
         .output()
         .unwrap();
     assert_eq!(out.status.code(), Some(1), "{}", stderr(&out));
@@ -448,7 +403,7 @@ fn full_file_system() {
             let _ = Command::new("umount").arg(&self.0).status();
         }
     }
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     let small = dir.path("small");
     fs::create_dir(&small).unwrap();
     dir.succeed("render a.xml -q --passes 2 -o b.exr --checkpoint c.part");
@@ -475,7 +430,7 @@ fn full_file_system() {
 /// Cut off anywhere, changed anywhere: refused as a file, never a panic.
 #[test]
 fn damaged_parts() {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     dir.succeed("render a.xml -q --passes 2 -o b.exr --checkpoint c.part");
     let good = fs::read(dir.path("c.part")).unwrap();
     let file = dir.path("d.part");
@@ -552,7 +507,7 @@ fn damaged_parts() {
 
 #[test]
 fn other_renders_are_refused() {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     let sized = "render a.xml -q --size 8x6 --passes 2";
     dir.succeed(&format!("{sized} -o b.exr --checkpoint c.part"));
     let resume = format!("{sized} --resume c.part -o b.exr");
@@ -593,7 +548,7 @@ fn other_renders_are_refused() {
 /// Of an environment map, too.
 #[test]
 fn fingerprints_of_environments() {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     let lamp = SCENE.find("<emitter").unwrap();
     let xml = SCENE[..lamp].to_string()
         + r#"</shape><emitter type="envmap"><string name="filename" value="floor.png"/></emitter></scene>"#;
@@ -612,7 +567,7 @@ fn fingerprints_of_environments() {
 
 #[test]
 fn parts_that_do_not_fit() {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     for range in ["0..2", "2..3", "1..4", "5..9", "9..10"] {
         dir.succeed(&format!("render a.xml -q --pass-range {range}"));
     }
@@ -638,7 +593,7 @@ fn parts_that_do_not_fit() {
 /// Parts whose headers agree in all but what their sums mean.
 #[test]
 fn sums_of_another_layout_are_refused() {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     let common = "render a.xml -q --backend bvh";
     dir.succeed(&format!("{common} --pass-range 0..1"));
     dir.succeed(&format!("{common} --pass-range 1..2"));
@@ -656,7 +611,7 @@ fn sums_of_another_layout_are_refused() {
 
 #[test]
 fn bad_command_lines() {
-    let dir = Dir::new();
+    let dir = Dir::with_scene();
     for budget in ["--passes 3", "--time 3", "--error 0.1"] {
         dir.fail(&format!("render a.xml --pass-range 0..2 {budget}"), 2, &["--pass-range"]);
     }

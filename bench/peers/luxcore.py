@@ -28,14 +28,15 @@ ENGINES = {
 
 def import_luxcore():
     """pyluxcore, whose messages go to stderr: stdout is for the contract."""
-    stdout = os.dup(1)
+    contract = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
-    sys.stdout = os.fdopen(stdout, "w")
     try:
         import pyluxcore
     except ImportError:
+        sys.stdout = contract
         peer.skip("pyluxcore is not installed; pip install pyluxcore")
     pyluxcore.Init(lambda message: None)
+    sys.stdout = contract
     return pyluxcore
 
 

@@ -98,7 +98,7 @@ def main():
     width, height = arguments.size
     sums = numpy.zeros((height, width, 4))
     # Mitsuba spaces the random numbers of consecutive seeds apart by the number of pixels.
-    seed = arguments.seed * 4096
+    seed = (arguments.seed << 20) % (1 << 32)
     passes, samples = 0, 1
     while clock.running():
         began = time.perf_counter()

@@ -1,6 +1,7 @@
 //! Everything the program prints. Streams that are closed (`caustica info | head -1`) are no reason to fail.
 
 use super::args::Verbosity;
+use indicatif::ProgressDrawTarget;
 use std::io::{Write, stderr, stdout};
 
 /// Prints an error in one line.
@@ -24,6 +25,11 @@ impl Verbosity {
         if !self.quiet {
             line_to_stderr(kind, message);
         }
+    }
+
+    /// Where a progress bar is drawn. (It draws nothing where stderr is no terminal.)
+    pub(super) fn progress_target(&self) -> ProgressDrawTarget {
+        if self.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() }
     }
 
     /// Prints what only `-v` asks for.

@@ -8,7 +8,7 @@ use super::{INTERRUPTED, info};
 use caustica::integrator::{Budget, Layout, Progress, State};
 use caustica::part_file::{self, Identity};
 use caustica::{Error, Result, image_io};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressStyle};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 use std::io;
@@ -148,9 +148,7 @@ fn trace(
 ) {
     const STEPS: u64 = 10_000;
     let verbosity = &args.common.verbosity;
-    // indicatif draws nothing where stderr is no terminal.
-    let target = if verbosity.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-    let bar = ProgressBar::with_draw_target(Some(STEPS), target);
+    let bar = ProgressBar::with_draw_target(Some(STEPS), verbosity.progress_target());
     if let Ok(style) = ProgressStyle::with_template("{wide_bar} {percent:>3} %  {elapsed}  {msg}") {
         bar.set_style(style);
     }

@@ -1,5 +1,7 @@
-//! What the image tests share.
+//! What tests share.
 #![allow(dead_code, unreachable_pub)] // each test binary uses a part
+
+pub(crate) mod program;
 
 use caustica::accel::{self, Backend};
 use caustica::image_io::Image;

@@ -60,7 +60,8 @@ pub(super) fn run(args: &BenchArgs) -> Result<()> {
                     if !out.contains(&(scene, i)) && !bench.measure(scene, file, contender, repeat)? {
                         out.insert((scene, i));
                     }
-                    bench.report.write(&args.output)?;
+                    // Nothing measured is lost; the rest can be made of it.
+                    results::write(&args.output.join("results.csv"), &bench.report.rows)?;
                 }
             }
         }

@@ -1,13 +1,14 @@
 //! What pictures are compared with.
 
 use super::super::args::BenchArgs;
+use super::super::checkpoint::Checkpoint;
 use super::super::prepare::Prepared;
 use super::results::slug;
 use caustica::image_io::{self, Image};
 use caustica::integrator::{Budget, Kind, Options, State};
 use caustica::part_file::{self, Identity};
 use caustica::{Error, Result};
-use indicatif::{ProgressBar, ProgressDrawTarget};
+use indicatif::ProgressBar;
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -79,24 +80,25 @@ fn computed(args: &BenchArgs, name: &str, prepared: &Prepared) -> Result<Referen
         Ok((header, state)) if header.identity == identity && header.range().start == 0 => state,
         _ => State::new(&prepared.scene, &options, 0)?,
     };
-    let keep = |state: &State| part_file::write(&file, &identity, name, state);
     if state.range().end < args.reference_passes {
         let verbosity = &args.common.verbosity;
         verbosity.note("", &format!("{name}: tracing {} passes for a reference", args.reference_passes));
-        let target =
-            if verbosity.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-        let bar = ProgressBar::with_draw_target(Some(args.reference_passes.into()), target);
-        let (mut last, mut kept) = (Instant::now(), Ok(()));
+        let mut checkpoint = Checkpoint {
+            file: &file,
+            interval: CHECKPOINT,
+            identity: &identity,
+            scene: name,
+            last: Instant::now(),
+        };
+        let bar =
+            ProgressBar::with_draw_target(Some(args.reference_passes.into()), verbosity.progress_target());
         state.render(&prepared.scene, &options, &mut |progress, state| {
             bar.set_position(progress.passes.into());
-            if last.elapsed() > CHECKPOINT {
-                kept = keep(state);
-                last = Instant::now();
-            }
-            if kept.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+            bar.suspend(|| checkpoint.after_pass(state, verbosity));
+            ControlFlow::Continue(())
         });
         bar.finish_and_clear();
-        kept.and_then(|()| keep(&state))?;
+        checkpoint.write(&state)?;
     }
     let passes = state.range().end;
     let rendering = state.resolve();

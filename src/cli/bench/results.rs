@@ -62,8 +62,7 @@ impl Row {
 impl Method {
     /// Whether this is `other` in, perhaps, another version.
     pub(super) fn is_same(&self, other: &Method) -> bool {
-        let key = |m: &Method| [&m.scene, &m.renderer, &m.integrator, &m.backend].map(String::clone);
-        key(self) == key(other)
+        *self == Method { version: self.version.clone(), ..other.clone() }
     }
 
     /// Its name within a scene.

@@ -20,14 +20,24 @@ impl<'a> Loader<'a> {
         if let Some(index) = self.material_of.get(&props.index) {
             return Ok(*index);
         }
-        let material = self.nested(props, |loader| loader.make_material(props))?;
+        let material = self.make_material(props)?;
         let index = self.materials.len() as u32;
         self.materials.push(material);
         self.material_of.insert(props.index, index);
         Ok(index)
     }
 
+    /// The material made of an object. Bsdfs may refer to others many times over, so each is made once.
     fn make_material(&mut self, props: Props<'a>) -> Result<Material> {
+        if let Some(material) = self.made.get(&props.index) {
+            return Ok(material.clone());
+        }
+        let material = self.nested(props, |loader| loader.new_material(props))?;
+        self.made.insert(props.index, material.clone());
+        Ok(material)
+    }
+
+    fn new_material(&mut self, props: Props<'a>) -> Result<Material> {
         let mut color = |name, default| self.color(props, name, Role::Reflectance, Rgb::splat(default));
         let material = match props.plugin() {
             "diffuse" => Material::Diffuse { reflectance: color("reflectance", 0.5)? },
@@ -103,11 +113,12 @@ impl<'a> Loader<'a> {
     }
 
     fn two_sided(&mut self, props: Props<'a>) -> Result<Material> {
-        // Two bsdfs that refer to the same two, and so on, would take time and memory without end.
-        if let Some((inner, _)) = props.children()?.iter().find(|(c, _)| c.object.plugin == "twosided") {
-            return Err(inner.error("a twosided cannot stand inside a twosided: use the bsdfs inside it"));
-        }
-        let mut nested = self.nested_bsdfs(props, 2)?.into_iter();
+        // A twosided shows the front of what it holds, so of another twosided it shows that one's front.
+        let front_of = |material| match material {
+            Material::TwoSided { front, .. } => *front,
+            other => other,
+        };
+        let mut nested = self.nested_bsdfs(props, 2)?.into_iter().map(front_of);
         let Some(front) = nested.next() else { return Err(props.error("a twosided needs a bsdf inside")) };
         let back = nested.next();
         // `allow_transmission` lets Mitsuba nest what transmits, of which it then uses only the reflection.
@@ -133,7 +144,7 @@ impl<'a> Loader<'a> {
             if nested.len() == most {
                 return Err(self.tree.error(pos, format!("{} holds at most {most} bsdfs", props.title())));
             }
-            nested.push(self.nested(child, |loader| loader.make_material(child))?);
+            nested.push(self.make_material(child)?);
         }
         Ok(nested)
     }

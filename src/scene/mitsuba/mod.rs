@@ -33,6 +33,8 @@ struct Loader<'a> {
     tree: &'a Tree,
     materials: Vec<Material>,
     material_of: HashMap<usize, u32>,
+    /// By object, those inside of others included.
+    made: HashMap<usize, Material>,
     textures: Vec<Texture>,
     /// By object and how it is used.
     texture_of: HashMap<(usize, textures::Use), u32>,
@@ -56,6 +58,7 @@ pub(super) fn load(
         tree: &tree,
         materials: Vec::new(),
         material_of: HashMap::new(),
+        made: HashMap::new(),
         textures: Vec::new(),
         texture_of: HashMap::new(),
         lights: Vec::new(),
