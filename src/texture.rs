@@ -98,6 +98,21 @@ impl Bitmap {
         }
     }
 
+    /// Partial derivatives of the luminance by u and v.
+    fn gradient(&self, uv: Vec2) -> Vec2 {
+        if self.interpolation == Interpolation::Nearest {
+            return Vec2::ZERO;
+        }
+        let size = Vec2::new(self.image.width as f32, self.image.height as f32);
+        let p = self.to_uv.transform_point2(uv) * size - 0.5;
+        let (corner, w) = (p.floor().as_ivec2(), p - p.floor());
+        let at =
+            |x, y| luminance(self.texel(IVec2::new(corner.x.saturating_add(x), corner.y.saturating_add(y))));
+        let [a, b, c, d] = [at(0, 0), at(1, 0), at(0, 1), at(1, 1)];
+        let by_texel = Vec2::new((b - a) + w.y * (d - c - b + a), (c - a) + w.x * (d - b - c + a));
+        self.to_uv.matrix2.transpose() * (by_texel * size)
+    }
+
     fn texel(&self, p: IVec2) -> Rgb {
         let (width, height) = (self.image.width, self.image.height);
         let wrap = |i: i32, n: usize| -> usize {
@@ -126,6 +141,14 @@ impl Texture {
                 if (t.x > 0.5) == (t.y > 0.5) { *color0 } else { *color1 }
             }
             Texture::Bitmap(bitmap) => bitmap.eval(uv),
+        }
+    }
+
+    /// Partial derivatives of the luminance by u and v; zero where there are none.
+    pub fn gradient(&self, uv: Vec2) -> Vec2 {
+        match self {
+            Texture::Checkerboard { .. } => Vec2::ZERO,
+            Texture::Bitmap(bitmap) => bitmap.gradient(uv),
         }
     }
 
@@ -183,6 +206,14 @@ impl Scalar {
         }
     }
 
+    /// Partial derivatives by u and v.
+    pub fn gradient(&self, textures: &[Texture], uv: Vec2) -> Vec2 {
+        match *self {
+            Scalar::Constant(_) => Vec2::ZERO,
+            Scalar::Texture(i) => textures[i as usize].gradient(uv),
+        }
+    }
+
     /// Mean over the texture.
     pub fn mean(&self, textures: &[Texture]) -> f32 {
         match *self {
@@ -221,6 +252,25 @@ mod tests {
                 assert!((x - value).abs() < 1e-4, "{interpolation:?} {wrap:?} {uv:?}: {x} is not {value}");
             }
         }
+    }
+
+    #[test]
+    fn gradients_are_differences() {
+        let to_uv = Affine2::from_cols(Vec2::new(0.5, 0.2), Vec2::new(-0.3, 1.5), Vec2::new(0.1, 0.0));
+        let image =
+            Image { width: 3, height: 2, pixels: [0.0, 1.0, 5.0, 2.0, 2.5, -1.0].map(Rgb::splat).into() };
+        let bitmap = Bitmap::new(image, Interpolation::Bilinear, Wrap::Mirror, to_uv).unwrap();
+        let value = |uv| luminance(bitmap.eval(uv));
+        for uv in [Vec2::new(0.3, 0.4), Vec2::new(0.9, 0.55), Vec2::new(1.7, -0.2)] {
+            let step = |d: Vec2| (value(uv + d * 1e-3) - value(uv - d * 1e-3)) / 2e-3;
+            let expected = Vec2::new(step(Vec2::X), step(Vec2::Y));
+            assert!(
+                (bitmap.gradient(uv) - expected).length() < 1e-2,
+                "{uv}: {} {expected}",
+                bitmap.gradient(uv)
+            );
+        }
+        assert_eq!(ramp(Interpolation::Nearest, Wrap::Clamp).gradient(Vec2::splat(0.4)), Vec2::ZERO);
     }
 
     #[test]

@@ -1,26 +1,31 @@
-//! Scattering at a surface point whose textures are already looked up: small `Copy` values in local coordinates
-//! (z = shading normal), so this module knows neither textures nor scene. The models are those of Mitsuba 3.9.
+//! Scattering at a surface point whose textures are already looked up: small values in local coordinates (z = shading
+//! normal), so this module knows neither textures nor scene. The models are those of Mitsuba 3.9.
 //!
 //! `eval` includes the cosine. Rough lobes belong to two *classes* at once, by weights that change smoothly with
 //! roughness: that is how the light transport is split without a threshold; see [`Share`].
 
+mod blend;
 mod conductor;
 mod dielectric;
 mod diffuse;
 pub mod fresnel;
 mod microfacet;
+mod perturbed;
 mod plastic;
 #[cfg(test)]
 mod tests;
 
 pub use microfacet::{Distribution, Microfacet};
+pub use perturbed::Perturbation;
 pub use plastic::{Coating, RoughCoating};
 
 use crate::math::Rgb;
+use blend::Blend;
 use conductor::{Conductor, RoughConductor};
 use dielectric::{Dielectric, RoughDielectric, ThinDielectric};
 use diffuse::Diffuse;
 use glam::{Vec2, Vec3};
+use perturbed::Perturbed;
 use plastic::{Paint, Plastic, RoughPlastic};
 use std::f32::consts::FRAC_1_PI;
 
@@ -104,19 +109,20 @@ impl BsdfSample {
     }
 }
 
-/// A scattering function: one of a closed set, perhaps with holes, perhaps on both sides.
+/// A scattering function: one of a closed set, perhaps with holes, perhaps on both sides. Only those made of others
+/// allocate.
 ///
 /// Reflectances and transmittances scale the physical values; 1 is Mitsuba's default for the specular ones, 0.5 for
 /// the diffuse ones. `eta` of a dielectric is the index of the interior (below the surface) over the exterior.
 /// What cannot transmit is black from behind unless made [`Bsdf::two_sided`].
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Bsdf<'a> {
     kind: Kind<'a>,
     opacity: f32,
     two_sided: bool,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 enum Kind<'a> {
     Null,
     Diffuse(Diffuse),
@@ -127,6 +133,8 @@ enum Kind<'a> {
     RoughDielectric(RoughDielectric),
     Plastic(Plastic),
     RoughPlastic(RoughPlastic<'a>),
+    Blend(Box<Blend<'a>>),
+    Perturbed(Box<Perturbed<'a>>),
 }
 
 impl<'a> Bsdf<'a> {
@@ -184,6 +192,18 @@ impl<'a> Bsdf<'a> {
         Bsdf::new(Kind::RoughPlastic(RoughPlastic { coating, paint }))
     }
 
+    /// (1 − `weight`) `first` + `weight` `second` (`blendbsdf`).
+    pub fn blend(first: Bsdf<'a>, second: Bsdf<'a>, weight: f32) -> Self {
+        let weight = if weight > 0.0 { weight.min(1.0) } else { 0.0 };
+        Bsdf::new(Kind::Blend(Box::new(Blend { weight, bsdfs: [first, second] })))
+    }
+
+    /// The same about the unit normal `n` instead of the local z axis (`normalmap`, `bumpmap`); the tangent lies in the
+    /// plane of `n` and `s`.
+    pub fn perturbed(self, n: Vec3, s: Vec3, rules: Perturbation) -> Self {
+        Bsdf::new(Kind::Perturbed(Box::new(Perturbed { n, s, rules, nested: self })))
+    }
+
     /// The same with holes (`mask`): light goes straight through with probability 1 − `opacity`.
     pub fn masked(self, opacity: f32) -> Self {
         Bsdf { opacity: self.opacity * opacity.clamp(0.0, 1.0), ..self }
@@ -208,11 +228,11 @@ impl<'a> Bsdf<'a> {
 
     /// Pdf with which [`Bsdf::sample`] takes `wi` from a non-delta lobe.
     #[inline]
-    pub fn pdf_w(&self, wo: Vec3, wi: Vec3) -> f32 {
+    pub fn pdf_w(&self, wo: Vec3, wi: Vec3, mode: Mode) -> f32 {
         let (wo, wi) = if self.flips(wo) { (mirror(wo), mirror(wi)) } else { (wo, wi) };
         let pdf_w = match &self.kind {
             Kind::Diffuse(b) => b.pdf_w(wo, wi),
-            kind => kind.pdf_w(wo, wi),
+            kind => kind.pdf_w(wo, wi, mode),
         };
         pdf_w * self.opacity
     }
@@ -253,29 +273,42 @@ impl<'a> Bsdf<'a> {
 
     /// Whether any lobe is not a delta: photons are stored and light is sampled there.
     pub fn has_smooth(&self) -> bool {
-        let delta_only = matches!(
-            self.kind,
-            Kind::Null | Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_)
-        );
-        self.opacity > 0.0 && !delta_only
+        self.opacity > 0.0
+            && match &self.kind {
+                Kind::Null | Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => false,
+                Kind::Blend(b) => b.any(Bsdf::has_smooth),
+                Kind::Perturbed(b) => b.nested.has_smooth(),
+                _ => true,
+            }
     }
 
     /// Whether any lobe is a delta, holes included.
     pub fn has_delta(&self) -> bool {
-        let smooth_only = matches!(
-            self.kind,
-            Kind::Diffuse(_) | Kind::RoughConductor(_) | Kind::RoughDielectric(_) | Kind::RoughPlastic(_)
-        );
-        self.opacity < 1.0 || !smooth_only
+        self.opacity < 1.0
+            || match &self.kind {
+                Kind::Diffuse(_)
+                | Kind::RoughConductor(_)
+                | Kind::RoughDielectric(_)
+                | Kind::RoughPlastic(_) => false,
+                Kind::Blend(b) => b.any(Bsdf::has_delta),
+                Kind::Perturbed(b) => b.nested.has_delta(),
+                _ => true,
+            }
     }
 
     /// Whether a microfacet lobe is divided among the shares: some share differs from [`Share::All`].
     pub fn has_rough(&self) -> bool {
         let divided = |alpha| sharp_eye(alpha) > 0.0 || sharp_light(alpha) > 0.0;
-        self.opacity > 0.0 && self.kind.roughness().is_some_and(divided)
+        self.opacity > 0.0
+            && match &self.kind {
+                Kind::Blend(b) => b.any(Bsdf::has_rough),
+                Kind::Perturbed(b) => b.nested.has_rough(),
+                kind => kind.roughness().is_some_and(divided),
+            }
     }
 
-    /// Roughness √(α_u α_v) of the microfacet lobe, if there is one; less where its facets hardly bend what they transmit.
+    /// Roughness √(α_u α_v) of the only microfacet lobe, if there is one; less where its facets hardly bend what they
+    /// transmit.
     pub fn roughness(&self) -> Option<f32> {
         self.kind.roughness()
     }
@@ -317,6 +350,8 @@ impl<'a> Bsdf<'a> {
             Kind::RoughDielectric(b) => b.interface.albedo(1),
             Kind::Plastic(b) => b.albedo(),
             Kind::RoughPlastic(b) => b.albedo(),
+            Kind::Blend(b) => b.albedo(),
+            Kind::Perturbed(b) => b.nested.albedo(),
         };
         Rgb::ONE.lerp(a, self.opacity)
     }
@@ -343,10 +378,12 @@ impl Kind<'_> {
             },
             Kind::Plastic(b) => b.eval(wo, wi),
             Kind::RoughPlastic(b) => b.eval(wo, wi, part(b.roughness())),
+            Kind::Blend(b) => b.eval(wo, wi, mode, share),
+            Kind::Perturbed(b) => b.eval(wo, wi, mode, share),
         }
     }
 
-    fn pdf_w(&self, wo: Vec3, wi: Vec3) -> f32 {
+    fn pdf_w(&self, wo: Vec3, wi: Vec3, mode: Mode) -> f32 {
         match self {
             Kind::Null | Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => 0.0,
             Kind::Diffuse(b) => b.pdf_w(wo, wi),
@@ -354,6 +391,8 @@ impl Kind<'_> {
             Kind::RoughDielectric(b) => b.pdf_w(wo, wi),
             Kind::Plastic(b) => b.pdf_w(wo, wi),
             Kind::RoughPlastic(b) => b.pdf_w(wo, wi),
+            Kind::Blend(b) => b.pdf_w(wo, wi, mode),
+            Kind::Perturbed(b) => b.pdf_w(wo, wi, mode),
         }
     }
 
@@ -368,6 +407,8 @@ impl Kind<'_> {
             Kind::RoughDielectric(b) => b.sample(wo, u_lobe, u, mode),
             Kind::Plastic(b) => b.sample(wo, u_lobe, u),
             Kind::RoughPlastic(b) => b.sample(wo, u_lobe, u),
+            Kind::Blend(b) => b.sample(wo, u_lobe, u, mode),
+            Kind::Perturbed(b) => b.sample(wo, u_lobe, u, mode),
         }
     }
 
@@ -381,7 +422,12 @@ impl Kind<'_> {
     }
 
     fn transmits(&self) -> bool {
-        matches!(self, Kind::Null | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_))
+        match self {
+            Kind::Null | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) => true,
+            Kind::Blend(b) => b.any(Bsdf::transmits),
+            Kind::Perturbed(b) => b.nested.transmits(),
+            _ => false,
+        }
     }
 }
 

@@ -53,7 +53,8 @@ pub(super) fn sample_light(
     if scene.occluded(&ray) {
         return None;
     }
-    let mis = if light.delta { 1.0 } else { power_heuristic(light.pdf_w, s.bsdf.pdf_w(wo, wi)) };
+    let mis =
+        if light.delta { 1.0 } else { power_heuristic(light.pdf_w, s.bsdf.pdf_w(wo, wi, Mode::Radiance)) };
     Some(Lit { wi, light: light.weight * mis, f })
 }
 

@@ -1,8 +1,8 @@
 //! Materials: scattering functions with textures still to be looked up.
 
-use crate::bsdf::{Bsdf, Coating, Distribution, Microfacet, RoughCoating};
+use crate::bsdf::{Bsdf, Coating, Distribution, Microfacet, Perturbation, RoughCoating};
 use crate::texture::{Color, Scalar, Texture};
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 /// Roughness of a microfacet material.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +25,17 @@ impl Roughness {
     fn is_isotropic(&self) -> bool {
         self.alpha_u == self.alpha_v
     }
+}
+
+/// Where a material is asked for its scattering function.
+#[derive(Clone, Copy, Debug)]
+pub struct Site {
+    /// Texture coordinates.
+    pub uv: Vec2,
+    /// Whether it is seen from the side of the shading normal.
+    pub from_front: bool,
+    /// ∂p/∂u and ∂p/∂v in the local frame; of no meaning unless [`Material::needs_tangent`].
+    pub partials: [Vec3; 2],
 }
 
 /// What kinds of lobes a material has, whatever its textures say.
@@ -131,6 +142,33 @@ pub enum Material {
         /// On the other side; `None` for the same one.
         back: Option<Box<Material>>,
     },
+    /// (1 − weight) of the first material and weight of the second.
+    Blend {
+        /// Share of the second material, clamped to 0..1.
+        weight: Scalar,
+        /// The materials.
+        nested: [Box<Material>; 2],
+    },
+    /// A material whose normal is told by a texture, as (n + 1) / 2 in the shading frame.
+    NormalMap {
+        /// The texture.
+        normals: Color,
+        /// What scatters about that normal.
+        nested: Box<Material>,
+        /// How the normal is used.
+        rules: Perturbation,
+    },
+    /// A material whose normal is that of a surface lifted by a texture.
+    BumpMap {
+        /// The height.
+        height: Scalar,
+        /// Factor on the height.
+        scale: f32,
+        /// What scatters about that normal.
+        nested: Box<Material>,
+        /// How the normal is used.
+        rules: Perturbation,
+    },
     /// A material with holes.
     Mask {
         /// 0 where there is a hole, 1 where there is none.
@@ -141,8 +179,9 @@ pub enum Material {
 }
 
 impl Material {
-    /// The scattering function at `uv`, seen from the side of the shading normal or from the other.
-    pub fn bsdf<'a>(&'a self, textures: &'a [Texture], uv: Vec2, from_front: bool) -> Bsdf<'a> {
+    /// The scattering function at `site`.
+    pub fn bsdf<'a>(&'a self, textures: &'a [Texture], site: &Site) -> Bsdf<'a> {
+        let uv = site.uv;
         let color = |c: &Color| c.eval(textures, uv);
         match self {
             Material::Null => Bsdf::null(),
@@ -173,12 +212,36 @@ impl Material {
             Material::RoughPlastic { coating, diffuse, specular, nonlinear } => {
                 Bsdf::rough_plastic(coating, color(diffuse), color(specular), *nonlinear)
             }
-            Material::TwoSided { front, back } => match back {
-                Some(back) if !from_front => back.bsdf(textures, uv, true).two_sided(),
-                _ => front.bsdf(textures, uv, true).two_sided(),
-            },
+            Material::TwoSided { front, back } => {
+                let shown = match back {
+                    Some(back) if !site.from_front => back,
+                    _ => front,
+                };
+                shown.bsdf(textures, &Site { from_front: true, ..*site }).two_sided()
+            }
+            Material::Blend { weight, nested: [first, second] } => {
+                let (first, second) = (first.bsdf(textures, site), second.bsdf(textures, site));
+                Bsdf::blend(first, second, weight.eval(textures, uv))
+            }
+            Material::NormalMap { normals, nested, rules } => {
+                let mut n = 2.0 * color(normals) - Vec3::ONE;
+                let [p_u, p_v] = site.partials;
+                if p_u.cross(p_v).z < 0.0 {
+                    n.y = -n.y; // the texture is mirrored, and the frame is right-handed
+                }
+                nested.bsdf(textures, site).perturbed(n.try_normalize().unwrap_or(Vec3::Z), Vec3::X, *rules)
+            }
+            Material::BumpMap { height, scale, nested, rules } => {
+                let slope = height.gradient(textures, uv) * *scale;
+                // Blinn 1978, "Simulation of Wrinkled Surfaces".
+                let [p_u, p_v] = site.partials;
+                let (p_u, p_v) = (p_u.with_z(slope.x), p_v.with_z(slope.y));
+                let n = p_u.cross(p_v).try_normalize().unwrap_or(Vec3::Z);
+                let n = if n.z < 0.0 { -n } else { n };
+                nested.bsdf(textures, site).perturbed(n, p_u, *rules)
+            }
             Material::Mask { opacity, nested } => {
-                nested.bsdf(textures, uv, from_front).masked(opacity.eval(textures, uv))
+                nested.bsdf(textures, site).masked(opacity.eval(textures, uv))
             }
         }
     }
@@ -198,6 +261,8 @@ impl Material {
             Material::TwoSided { front, back } => {
                 return back.iter().fold(front.lobes(), |lobes, back| lobes.union(back.lobes()));
             }
+            Material::Blend { nested: [first, second], .. } => return first.lobes().union(second.lobes()),
+            Material::NormalMap { nested, .. } | Material::BumpMap { nested, .. } => return nested.lobes(),
             // Light goes straight through the holes.
             Material::Mask { nested, .. } => (nested.lobes().smooth, true),
         };
@@ -213,6 +278,8 @@ impl Material {
             Material::TwoSided { front, back } => {
                 front.needs_tangent() || back.as_ref().is_some_and(|b| b.needs_tangent())
             }
+            Material::Blend { nested, .. } => nested.iter().any(|m| m.needs_tangent()),
+            Material::NormalMap { .. } | Material::BumpMap { .. } => true,
             Material::Mask { nested, .. } => nested.needs_tangent(),
             _ => false,
         }
@@ -226,6 +293,8 @@ impl Material {
             | Material::ThinDielectric { .. }
             | Material::RoughDielectric { .. }
             | Material::Mask { .. } => true,
+            Material::Blend { nested, .. } => nested.iter().any(|m| m.transmits()),
+            Material::NormalMap { nested, .. } | Material::BumpMap { nested, .. } => nested.transmits(),
             Material::Diffuse { .. }
             | Material::Conductor { .. }
             | Material::RoughConductor { .. }

@@ -14,7 +14,7 @@ mod serialized;
 mod spectrum;
 
 pub use load::load;
-pub use material::{Lobes, Material, Roughness};
+pub use material::{Lobes, Material, Roughness, Site};
 
 use crate::accel::{self, Backend, Intersector};
 use crate::bsdf::Bsdf;
@@ -95,7 +95,7 @@ pub struct Scene {
 }
 
 /// A shading point: everything that scattering at a hit needs.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Surface<'a> {
     /// Position.
     pub p: Vec3,
@@ -201,17 +201,20 @@ impl Scene {
         let shape = &self.geometry.shapes[hit.shape as usize];
         let point = shape.point(ray, hit);
         let material = self.material(hit.shape);
-        let frame = if material.needs_tangent() {
-            Frame::from_normal_and_tangent(point.n_s, shape.dp_du(hit, &point))
+        let (frame, partials) = if material.needs_tangent() {
+            let partials = shape.partials(hit, &point);
+            let frame = Frame::from_normal_and_tangent(point.n_s, partials[0]);
+            (frame, partials.map(|p| frame.to_local(p)))
         } else {
-            Frame::from_normal(point.n_s)
+            (Frame::from_normal(point.n_s), [Vec3::ZERO; 2])
         };
+        let site = Site { uv: point.uv, from_front: ray.d.dot(point.n_s) <= 0.0, partials };
         Surface {
             p: point.p,
             n_g: point.n_g,
             frame,
             uv: point.uv,
-            bsdf: material.bsdf(&self.textures, point.uv, ray.d.dot(point.n_s) <= 0.0),
+            bsdf: material.bsdf(&self.textures, &site),
             light: self.shape_light[hit.shape as usize],
             shape: hit.shape,
             facet: self.facets.get(hit.shape, hit.primitive),

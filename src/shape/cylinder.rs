@@ -119,9 +119,9 @@ impl Cylinder {
         }
     }
 
-    /// ∂p/∂u.
-    pub fn dp_du(&self, point: &SurfacePoint) -> Vec3 {
+    /// ∂p/∂u and ∂p/∂v.
+    pub fn partials(&self, point: &SurfacePoint) -> [Vec3; 2] {
         let (sin, cos) = (point.uv.x * TAU as f32).sin_cos();
-        (self.y_axis * cos - self.x_axis * sin) * (TAU as f32 * self.radius)
+        [(self.y_axis * cos - self.x_axis * sin) * (TAU as f32 * self.radius), self.axis]
     }
 }

@@ -85,9 +85,10 @@ impl Disk {
         }
     }
 
-    /// ∂p/∂u, along the radius.
-    pub fn dp_du(&self, point: &SurfacePoint) -> Vec3 {
+    /// ∂p/∂u, along the radius, and ∂p/∂v, around it.
+    pub fn partials(&self, point: &SurfacePoint) -> [Vec3; 2] {
         let (sin, cos) = (point.uv.y * TAU as f32).sin_cos();
-        self.u_axis * cos + self.v_axis * sin
+        let around = (self.v_axis * cos - self.u_axis * sin) * (TAU as f32 * point.uv.x);
+        [self.u_axis * cos + self.v_axis * sin, around]
     }
 }

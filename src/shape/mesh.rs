@@ -118,17 +118,20 @@ impl Mesh {
         SurfacePoint { p: a + ((b - a) * u + (c - a) * v), magnitude, n_g, n_s, uv }
     }
 
-    /// ∂p/∂u of a triangle; the zero vector where the texture coordinates are degenerate.
-    pub fn dp_du(&self, triangle: u32) -> Vec3 {
+    /// ∂p/∂u and ∂p/∂v of a triangle; zero vectors where the texture coordinates are degenerate.
+    pub fn partials(&self, triangle: u32) -> [Vec3; 2] {
         let [a, b, c] = self.vertices(triangle);
         let (e1, e2) = (b - a, c - a);
         if self.uvs.is_empty() {
-            return e1;
+            return [e1, e2];
         }
         let [ta, tb, tc] = self.triangles[triangle as usize].map(|i| self.uvs[i as usize]);
         let (d1, d2) = (tb - ta, tc - ta);
         let det = d1.perp_dot(d2);
-        if det == 0.0 { Vec3::ZERO } else { (e1 * d2.y - e2 * d1.y) / det }
+        if det == 0.0 {
+            return [Vec3::ZERO; 2];
+        }
+        [(e1 * d2.y - e2 * d1.y) / det, (e2 * d1.x - e1 * d2.x) / det]
     }
 }
 

@@ -153,13 +153,13 @@ impl Shape {
         }
     }
 
-    /// Unnormalised tangent ∂p/∂u at a point of this shape, for anisotropic materials and normal maps.
-    pub fn dp_du(&self, hit: &Hit, point: &SurfacePoint) -> Vec3 {
+    /// ∂p/∂u and ∂p/∂v at a point of this shape, for anisotropic materials, normal maps and bump maps.
+    pub fn partials(&self, hit: &Hit, point: &SurfacePoint) -> [Vec3; 2] {
         match self {
-            Shape::Mesh(m) => m.dp_du(hit.primitive),
-            Shape::Sphere(s) => s.dp_du(point),
-            Shape::Disk(d) => d.dp_du(point),
-            Shape::Cylinder(c) => c.dp_du(point),
+            Shape::Mesh(m) => m.partials(hit.primitive),
+            Shape::Sphere(s) => s.partials(point),
+            Shape::Disk(d) => d.partials(point),
+            Shape::Cylinder(c) => c.partials(point),
         }
     }
 

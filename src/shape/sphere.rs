@@ -3,7 +3,7 @@
 use super::{Bounds, SurfacePoint, closest, first_in_range, padded, stable_roots};
 use crate::math::Ray;
 use glam::{Affine3A, DVec3, Mat3, Vec2, Vec3};
-use std::f64::consts::{FRAC_1_PI, TAU};
+use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
 /// A sphere. Texture coordinates are Mitsuba 3's: u the azimuth over 2π, v the angle from the frame's z axis over π.
 #[derive(Clone, Copy, Debug)]
@@ -91,10 +91,13 @@ impl Sphere {
         }
     }
 
-    /// ∂p/∂u; the zero vector at the poles.
-    pub fn dp_du(&self, point: &SurfacePoint) -> Vec3 {
+    /// ∂p/∂u (the zero vector at the poles) and ∂p/∂v.
+    pub fn partials(&self, point: &SurfacePoint) -> [Vec3; 2] {
         let n = if self.flipped { -point.n_g } else { point.n_g };
         let q = self.frame.transpose() * n;
-        self.frame * Vec3::new(-q.y, q.x, 0.0) * (TAU as f32 * self.radius)
+        let sin = q.x.hypot(q.y);
+        let p_v = if sin == 0.0 { Vec3::X } else { Vec3::new(q.z * q.x / sin, q.z * q.y / sin, -sin) };
+        let (turn, half) = (TAU as f32 * self.radius, PI as f32 * self.radius);
+        [self.frame * Vec3::new(-q.y, q.x, 0.0) * turn, self.frame * p_v * half]
     }
 }

@@ -24,7 +24,7 @@ fn see(shape: &Shape, o: [f32; 3], d: [f32; 3]) -> (Vec3, Vec3, Vec2, Vec3) {
     let ray = Ray::new(o.into(), d.into());
     let hit = Hit { t: shape.intersect(&ray).expect("a hit"), u: 0.0, v: 0.0, shape: 0, primitive: 0 };
     let point = shape.point(&ray, &hit);
-    (point.p, point.n_g, point.uv, shape.dp_du(&hit, &point))
+    (point.p, point.n_g, point.uv, shape.partials(&hit, &point)[0])
 }
 
 const MIRROR: Vec3 = Vec3::new(-1.0, 1.0, 1.0);
@@ -102,7 +102,7 @@ fn rectangle_and_cube_agree_with_mitsuba() {
     let point = rectangle.point(0, 0.25, 0.5);
     assert_eq!(point.n_g, Vec3::Z);
     assert_eq!(point.p, ((point.uv * 2.0 - 1.0) * Vec2::new(2.0, 3.0).extend(0.0).truncate()).extend(0.0));
-    assert_eq!(rectangle.dp_du(0), Vec3::X * 4.0);
+    assert_eq!(rectangle.partials(0)[0], Vec3::X * 4.0);
     assert_eq!(rectangle.area(), 24.0);
     // Mitsuba transforms the normals as normals, and shades by them.
     assert_eq!(Mesh::rectangle(Affine3A::from_scale(MIRROR)).point(1, 0.2, 0.2).n_g, Vec3::Z);

@@ -104,7 +104,7 @@ fn test(sampled: &Bsdf, bsdf: &Bsdf, wo: Vec3, set: u64) -> f64 {
         observed[row * PHI_CELLS + ((phi * PHI_CELLS as f64) as usize).min(PHI_CELLS - 1)] += 1.0;
         rest -= 1.0;
     }
-    let pdf_w = |wi| bsdf.pdf_w(wo, wi);
+    let pdf_w = |wi| bsdf.pdf_w(wo, wi, Mode::Flux);
     let (d_cos, d_phi) = (2.0 / COS_CELLS as f64, TAU / PHI_CELLS as f64);
     let mut cells: Vec<(f64, f64)> = observed
         .into_iter()
@@ -143,8 +143,9 @@ fn test(sampled: &Bsdf, bsdf: &Bsdf, wo: Vec3, set: u64) -> f64 {
 fn samples_follow_the_pdf() {
     let tests: Vec<_> = bsdfs()
         .into_iter()
+        .chain(composed::bsdfs())
         .filter(|(_, bsdf)| bsdf.has_smooth())
-        .flat_map(|b| directions().map(move |wo| (b, wo)))
+        .flat_map(|b| directions().map(move |wo| (b.clone(), wo)))
         .collect();
     let threshold = 1.0 - (1.0 - LEVEL).powf(1.0 / tests.len() as f64);
     for (set, ((name, bsdf), wo)) in tests.into_iter().enumerate() {

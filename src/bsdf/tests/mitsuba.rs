@@ -11,7 +11,7 @@ fn rows(text: &str) -> impl Iterator<Item = (&str, Vec<f32>)> {
 }
 
 fn find(bsdfs: &[(&str, Bsdf<'static>)], name: &str) -> Bsdf<'static> {
-    bsdfs.iter().find(|b| b.0 == name).unwrap().1
+    bsdfs.iter().find(|b| b.0 == name).unwrap().1.clone()
 }
 
 fn check_eval(text: &str) -> usize {
@@ -30,7 +30,7 @@ fn check_eval(text: &str) -> usize {
             );
         }
         // Mitsuba's pdf of Beckmann facets contains a fit (0.35 %), ours does not.
-        let pdf_w = bsdf.pdf_w(wo, wi);
+        let pdf_w = bsdf.pdf_w(wo, wi, Mode::Radiance);
         assert!(close(pdf_w, v[12], 4e-3), "{name} {wo} {wi}: pdf {pdf_w}, Mitsuba {}", v[12]);
         checked += 1;
     }

@@ -2,9 +2,9 @@
 
 use super::Loader;
 use super::props::Props;
-use super::xml::Value;
+use super::xml::{Property, Value};
 use crate::Result;
-use crate::bsdf::{Coating, Distribution, RoughCoating};
+use crate::bsdf::{Coating, Distribution, Perturbation, RoughCoating};
 use crate::math::Rgb;
 use crate::scene::ior;
 use crate::scene::material::{Material, Roughness};
@@ -12,7 +12,7 @@ use crate::scene::spectrum::Role;
 use crate::texture::{Color, Scalar};
 
 const KNOWN: &str = "diffuse, dielectric, thindielectric, roughdielectric, conductor, roughconductor, plastic, \
-                     roughplastic, twosided, mask, null";
+                     roughplastic, blendbsdf, normalmap, bumpmap, twosided, mask, null";
 
 impl<'a> Loader<'a> {
     /// The index of the material that a `<bsdf>` stands for.
@@ -98,13 +98,29 @@ impl<'a> Loader<'a> {
                 }
             }
             "twosided" => self.two_sided(props)?,
+            "blendbsdf" => {
+                if !props.has("weight") {
+                    return Err(props.error("a blendbsdf needs a 'weight'"));
+                }
+                let weight = self.scalar(props, "weight", 0.5)?;
+                match <[Material; 2]>::try_from(self.nested_bsdfs(props, 2)?) {
+                    Ok(nested) => Material::Blend { weight, nested: nested.map(Box::new) },
+                    Err(_) => return Err(props.error("a blendbsdf needs two bsdfs inside")),
+                }
+            }
+            "normalmap" => {
+                let normals = self.color_of(props, self.nested_texture(props)?, Role::Unbounded)?;
+                let rules = perturbation(props)?;
+                Material::NormalMap { normals, nested: self.only_nested_bsdf(props)?, rules }
+            }
+            "bumpmap" => {
+                let height = self.scalar_of(props, self.nested_texture(props)?)?;
+                let (scale, rules) = (props.float("scale", 1.0)?, perturbation(props)?);
+                Material::BumpMap { height, scale, nested: self.only_nested_bsdf(props)?, rules }
+            }
             "mask" => {
                 let opacity = self.scalar(props, "opacity", 0.5)?;
-                let mut nested = self.nested_bsdfs(props, 1)?;
-                match nested.pop() {
-                    Some(nested) => Material::Mask { opacity, nested: Box::new(nested) },
-                    None => return Err(props.error("a mask needs a bsdf inside")),
-                }
+                Material::Mask { opacity, nested: self.only_nested_bsdf(props)? }
             }
             _ => return Err(props.unknown_plugin(KNOWN)),
         };
@@ -131,6 +147,29 @@ impl<'a> Loader<'a> {
             );
         }
         Ok(Material::TwoSided { front: Box::new(front), back: back.map(Box::new) })
+    }
+
+    /// The only texture inside, whatever it is called.
+    fn nested_texture(&self, props: Props<'a>) -> Result<&'a Property> {
+        let mut textures = Vec::new();
+        for property in &props.object.properties {
+            if props.object_of(property)?.is_some_and(|index| self.tree.objects[index].tag == "texture") {
+                textures.push(property);
+            }
+        }
+        match textures[..] {
+            [texture] => {
+                texture.used.set(true);
+                Ok(texture)
+            }
+            _ => Err(props.error(format!("{} needs exactly one texture inside", props.title()))),
+        }
+    }
+
+    /// The only material inside of another.
+    fn only_nested_bsdf(&mut self, props: Props<'a>) -> Result<Box<Material>> {
+        let nested = self.nested_bsdfs(props, 1)?.pop();
+        nested.map(Box::new).ok_or_else(|| props.error(format!("{} needs a bsdf inside", props.title())))
     }
 
     /// At most `most` materials inside of another.
@@ -193,6 +232,14 @@ impl<'a> Loader<'a> {
         };
         Ok(Roughness { distribution: distribution(props)?, alpha_u, alpha_v })
     }
+}
+
+/// How Mitsuba 3 uses perturbed normals.
+fn perturbation(props: Props) -> Result<Perturbation> {
+    Ok(Perturbation {
+        flip_invalid: props.boolean("flip_invalid_normals", true)?,
+        shadowing: props.boolean("use_shadowing_function", true)?,
+    })
 }
 
 fn distribution(props: Props) -> Result<Distribution> {

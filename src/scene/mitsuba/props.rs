@@ -165,10 +165,10 @@ impl<'a> Props<'a> {
         Err(self.error_at(name, format!("the transform of {} is singular or overflows", self.title())))
     }
 
-    /// Child objects without a name, and references, in order, marked as used.
+    /// Child objects without a name, and references, in order, marked as used. Those that are used already are left out.
     pub(super) fn children(&self) -> Result<Vec<(Props<'a>, Pos)>> {
         let mut children = Vec::new();
-        for property in &self.object.properties {
+        for property in self.unused() {
             if let Some(index) = self.object_of(property)? {
                 // Named objects are parameters, except that a name changes nothing for these.
                 let tag = &self.tree.objects[index].tag;

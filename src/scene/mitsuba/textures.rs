@@ -20,7 +20,14 @@ pub(super) enum Use {
 impl<'a> Loader<'a> {
     /// A colour parameter. Floats and integers mean grey.
     pub(super) fn color(&mut self, props: Props<'a>, name: &str, role: Role, default: Rgb) -> Result<Color> {
-        let Some(property) = props.get(name) else { return Ok(Color::Constant(default)) };
+        match props.get(name) {
+            Some(property) => self.color_of(props, property, role),
+            None => Ok(Color::Constant(default)),
+        }
+    }
+
+    /// The colour that a property gives.
+    pub(super) fn color_of(&mut self, props: Props<'a>, property: &Property, role: Role) -> Result<Color> {
         if let Some(index) = props.object_of(property)? {
             let object = Props::new(self.tree, index);
             return self.nested(object, |loader| loader.texture(object, property, role, Use::Color));
@@ -47,7 +54,14 @@ impl<'a> Loader<'a> {
 
     /// A number that may be textured.
     pub(super) fn scalar(&mut self, props: Props<'a>, name: &str, default: f32) -> Result<Scalar> {
-        let Some(property) = props.get(name) else { return Ok(Scalar::Constant(default)) };
+        match props.get(name) {
+            Some(property) => self.scalar_of(props, property),
+            None => Ok(Scalar::Constant(default)),
+        }
+    }
+
+    /// The number that a property gives.
+    pub(super) fn scalar_of(&mut self, props: Props<'a>, property: &Property) -> Result<Scalar> {
         if let Some(index) = props.object_of(property)? {
             let object = Props::new(self.tree, index);
             let color =
