@@ -101,7 +101,28 @@ pub fn linear_to_srgb(x: f32) -> f32 {
 /// # Errors
 /// [`Error::File`] if it is missing, damaged, larger than [`MAX_PIXELS`] or of an unknown format.
 pub fn read(path: &Path) -> Result<Image> {
-    read_encoded(path, true)
+    read_encoded(path, Encoding::Srgb)
+}
+
+/// What the integers of an image file stand for. Floating-point values are linear.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Encoding {
+    /// Light, encoded by the sRGB curve.
+    Srgb,
+    /// Numbers, scaled to [0, 1].
+    Linear,
+    /// Light, encoded with this exponent.
+    Gamma(f32),
+}
+
+impl Encoding {
+    fn decode(self, x: f32) -> f32 {
+        match self {
+            Encoding::Srgb => srgb_to_linear(x),
+            Encoding::Linear => x,
+            Encoding::Gamma(gamma) => x.powf(gamma),
+        }
+    }
 }
 
 /// Like [`read`], but 8- and 16-bit values are decoded only if `srgb` is set, and else just scaled to [0, 1]:
@@ -109,7 +130,7 @@ pub fn read(path: &Path) -> Result<Image> {
 ///
 /// # Errors
 /// As [`read`].
-pub fn read_encoded(path: &Path, srgb: bool) -> Result<Image> {
+pub fn read_encoded(path: &Path, encoding: Encoding) -> Result<Image> {
     let fail = |message: String| Error::File { file: path.into(), message };
     let mut magic = [0; 4];
     let mut file = File::open(path).map_err(|e| fail(format!("cannot open the image: {}", reason(&e))))?;
@@ -119,7 +140,7 @@ pub fn read_encoded(path: &Path, srgb: bool) -> Result<Image> {
         Err(e) => return Err(fail(format!("cannot read the image: {}", reason(&e)))),
     };
     // Decoders promise errors, not panics, but files from anywhere have broken such promises before.
-    catch_unwind(AssertUnwindSafe(|| if exr { read_exr(path) } else { read_other(path, srgb) }))
+    catch_unwind(AssertUnwindSafe(|| if exr { read_exr(path) } else { read_other(path, encoding) }))
         .unwrap_or_else(|_| Err("its contents crash the decoder".into()))
         .map_err(|message| fail(format!("cannot read the image: {message}")))
 }
@@ -227,7 +248,7 @@ fn read_exr(path: &Path) -> std::result::Result<Image, String> {
     Ok(image)
 }
 
-fn read_other(path: &Path, srgb: bool) -> std::result::Result<Image, String> {
+fn read_other(path: &Path, encoding: Encoding) -> std::result::Result<Image, String> {
     use image::{ImageFormat, ImageReader};
     const JPEG_END: [u8; 2] = [0xFF, 0xD9];
     let reader = ImageReader::open(path).and_then(|r| r.with_guessed_format()).map_err(|e| e.to_string())?;
@@ -239,9 +260,9 @@ fn read_other(path: &Path, srgb: bool) -> std::result::Result<Image, String> {
             // after the first end is not looked at.
             let mut file = fs::read(path).map_err(|e| reason(&e))?;
             file.extend(JPEG_END);
-            decode(ImageReader::with_format(Cursor::new(file), ImageFormat::Jpeg), bytes, srgb)
+            decode(ImageReader::with_format(Cursor::new(file), ImageFormat::Jpeg), bytes, encoding)
         }
-        Some(_) => decode(reader, bytes, srgb),
+        Some(_) => decode(reader, bytes, encoding),
     }
 }
 
@@ -249,7 +270,7 @@ fn read_other(path: &Path, srgb: bool) -> std::result::Result<Image, String> {
 fn decode(
     mut reader: image::ImageReader<impl BufRead + Seek>,
     bytes: u64,
-    srgb: bool,
+    encoding: Encoding,
 ) -> std::result::Result<Image, String> {
     use image::{DynamicImage, ImageDecoder, Limits};
     let mut limits = Limits::default();
@@ -260,7 +281,7 @@ fn decode(
     check_size(bytes, width as u64, height as u64)?;
     let decoded = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
     let table = |max: u32| -> Vec<f32> {
-        let linear = |x: f32| if srgb { srgb_to_linear(x) } else { x };
+        let linear = |x: f32| encoding.decode(x);
         (0..=max).map(|i| linear(i as f32 / max as f32)).collect()
     };
     let pixels = match decoded {
@@ -723,7 +744,7 @@ mod tests {
         assert_eq!(bytes.pixels().map(|p| p.0[0]).collect::<Vec<_>>(), [0, 3, 118, 188, 255, 255, 0, 0]);
         let linear = read(&path).unwrap();
         assert!((linear.pixels[2].x - 0.18).abs() < 2e-3);
-        assert_eq!(read_encoded(&path, false).unwrap().pixels[2].x, 118.0 / 255.0);
+        assert_eq!(read_encoded(&path, Encoding::Linear).unwrap().pixels[2].x, 118.0 / 255.0);
         write_png(&path, &image, 1.0).unwrap();
         assert!((read(&path).unwrap().pixels[2].y - 0.36).abs() < 3e-3);
     }
@@ -735,9 +756,9 @@ mod tests {
         image::ImageBuffer::from_pixel(2, 1, image::Luma([32768_u16])).save(&path).unwrap();
         let grey = read(&path).unwrap();
         assert!((grey.pixels[1] - Rgb::splat(srgb_to_linear(32768.0 / 65535.0))).abs().max_element() < 1e-6);
-        assert_eq!(read_encoded(&path, false).unwrap().pixels[0], Rgb::splat(32768.0 / 65535.0));
+        assert_eq!(read_encoded(&path, Encoding::Linear).unwrap().pixels[0], Rgb::splat(32768.0 / 65535.0));
         image::ImageBuffer::from_pixel(2, 1, image::LumaA([51_u8, 7])).save(&path).unwrap();
-        assert_eq!(read_encoded(&path, false).unwrap().pixels[0], Rgb::splat(0.2));
+        assert_eq!(read_encoded(&path, Encoding::Linear).unwrap().pixels[0], Rgb::splat(0.2));
         let path = dir.path().join("a.hdr");
         image::ImageBuffer::from_pixel(2, 1, image::Rgb([2.0_f32, 1.0, 0.5])).save(&path).unwrap();
         assert!((read(&path).unwrap().pixels[0] - Rgb::new(2.0, 1.0, 0.5)).abs().max_element() < 1e-2);

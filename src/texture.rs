@@ -16,6 +16,17 @@ pub enum Texture {
         /// Applied to texture coordinates first (column-major 2×3).
         to_uv: Affine2,
     },
+    /// Lines along the edges of the unit squares.
+    Grid {
+        /// Colour between the lines.
+        color0: Rgb,
+        /// Colour of the lines.
+        color1: Rgb,
+        /// Half the width of the lines.
+        line_width: f32,
+        /// Applied to texture coordinates first (column-major 2×3).
+        to_uv: Affine2,
+    },
     /// An image.
     Bitmap(Bitmap),
 }
@@ -46,20 +57,21 @@ pub enum Wrap {
 pub struct Bitmap {
     image: Image,
     interpolation: Interpolation,
-    wrap: Wrap,
+    /// By u, by v.
+    wrap: [Wrap; 2],
     to_uv: Affine2,
     mean: Rgb,
 }
 
 impl Bitmap {
-    /// `to_uv` is applied to texture coordinates first.
+    /// `wrap` says what is beyond the image by u and by v; `to_uv` is applied to texture coordinates first.
     ///
     /// # Errors
     /// A message if the image is empty.
     pub fn new(
         image: Image,
         interpolation: Interpolation,
-        wrap: Wrap,
+        wrap: [Wrap; 2],
         to_uv: Affine2,
     ) -> Result<Bitmap, String> {
         let size = image.width.checked_mul(image.height);
@@ -78,7 +90,7 @@ impl Bitmap {
     }
 
     /// The image, and all else that the bitmap is made from.
-    pub fn contents(&self) -> (&Image, (Interpolation, Wrap, Affine2)) {
+    pub fn contents(&self) -> (&Image, (Interpolation, [Wrap; 2], Affine2)) {
         (&self.image, (self.interpolation, self.wrap, self.to_uv))
     }
 
@@ -115,9 +127,9 @@ impl Bitmap {
 
     fn texel(&self, p: IVec2) -> Rgb {
         let (width, height) = (self.image.width, self.image.height);
-        let wrap = |i: i32, n: usize| -> usize {
+        let wrap = |i: i32, n: usize, wrap| -> usize {
             let n = n as i32;
-            let wrapped = match self.wrap {
+            let wrapped = match wrap {
                 Wrap::Repeat => i.rem_euclid(n),
                 Wrap::Clamp => i.clamp(0, n - 1),
                 Wrap::Mirror => {
@@ -127,7 +139,8 @@ impl Bitmap {
             };
             wrapped as usize
         };
-        self.image.pixels[wrap(p.y, height) * width + wrap(p.x, width)]
+        let [u, v] = self.wrap;
+        self.image.pixels[wrap(p.y, height, v) * width + wrap(p.x, width, u)]
     }
 }
 
@@ -140,6 +153,11 @@ impl Texture {
                 let t = t - t.floor();
                 if (t.x > 0.5) == (t.y > 0.5) { *color0 } else { *color1 }
             }
+            Texture::Grid { color0, color1, line_width, to_uv } => {
+                let t = to_uv.transform_point2(uv);
+                let from_line = (t - t.round()).abs().min_element();
+                if from_line < *line_width { *color1 } else { *color0 }
+            }
             Texture::Bitmap(bitmap) => bitmap.eval(uv),
         }
     }
@@ -147,7 +165,7 @@ impl Texture {
     /// Partial derivatives of the luminance by u and v; zero where there are none.
     pub fn gradient(&self, uv: Vec2) -> Vec2 {
         match self {
-            Texture::Checkerboard { .. } => Vec2::ZERO,
+            Texture::Checkerboard { .. } | Texture::Grid { .. } => Vec2::ZERO,
             Texture::Bitmap(bitmap) => bitmap.gradient(uv),
         }
     }
@@ -156,8 +174,27 @@ impl Texture {
     pub fn mean(&self) -> Rgb {
         match self {
             Texture::Checkerboard { color0, color1, .. } => 0.5 * (*color0 + *color1),
+            Texture::Grid { color0, color1, line_width, .. } => {
+                let between = (1.0 - 2.0 * line_width).clamp(0.0, 1.0);
+                color1.lerp(*color0, between * between)
+            }
             Texture::Bitmap(bitmap) => bitmap.mean,
         }
+    }
+
+    /// The same times `scale`.
+    pub fn scaled(&self, scale: Rgb) -> Texture {
+        let mut scaled = self.clone();
+        match &mut scaled {
+            Texture::Checkerboard { color0, color1, .. } | Texture::Grid { color0, color1, .. } => {
+                (*color0, *color1) = (*color0 * scale, *color1 * scale);
+            }
+            Texture::Bitmap(bitmap) => {
+                bitmap.image.pixels.iter_mut().for_each(|p| *p *= scale);
+                bitmap.mean *= scale;
+            }
+        }
+        scaled
     }
 }
 
@@ -230,7 +267,7 @@ mod tests {
     /// Texels 0, 1, 2 / 3, 4, 5.
     fn ramp(interpolation: Interpolation, wrap: Wrap) -> Texture {
         let image = Image { width: 3, height: 2, pixels: (0..6).map(|i| Rgb::splat(i as f32)).collect() };
-        Texture::Bitmap(Bitmap::new(image, interpolation, wrap, Affine2::IDENTITY).unwrap())
+        Texture::Bitmap(Bitmap::new(image, interpolation, [wrap; 2], Affine2::IDENTITY).unwrap())
     }
 
     /// Expected values from Mitsuba 3.9.1.
@@ -259,7 +296,7 @@ mod tests {
         let to_uv = Affine2::from_cols(Vec2::new(0.5, 0.2), Vec2::new(-0.3, 1.5), Vec2::new(0.1, 0.0));
         let image =
             Image { width: 3, height: 2, pixels: [0.0, 1.0, 5.0, 2.0, 2.5, -1.0].map(Rgb::splat).into() };
-        let bitmap = Bitmap::new(image, Interpolation::Bilinear, Wrap::Mirror, to_uv).unwrap();
+        let bitmap = Bitmap::new(image, Interpolation::Bilinear, [Wrap::Mirror; 2], to_uv).unwrap();
         let value = |uv| luminance(bitmap.eval(uv));
         for uv in [Vec2::new(0.3, 0.4), Vec2::new(0.9, 0.55), Vec2::new(1.7, -0.2)] {
             let step = |d: Vec2| (value(uv + d * 1e-3) - value(uv - d * 1e-3)) / 2e-3;
@@ -290,6 +327,6 @@ mod tests {
         let scalar = Scalar::Texture(0).mean(&[ramp(Interpolation::Nearest, Wrap::Clamp)]);
         assert!((scalar - 2.5).abs() < 1e-5);
         let empty = Image { width: 0, height: 0, pixels: vec![] };
-        assert!(Bitmap::new(empty, Interpolation::Nearest, Wrap::Clamp, Affine2::IDENTITY).is_err());
+        assert!(Bitmap::new(empty, Interpolation::Nearest, [Wrap::Clamp; 2], Affine2::IDENTITY).is_err());
     }
 }

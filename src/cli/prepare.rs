@@ -47,14 +47,19 @@ pub(super) fn prepare(path: &Path, args: &SceneArgs, kind: Option<Kind>) -> Resu
     let load = start.elapsed().as_secs_f64();
     let named = description.integrator.clone();
     let mut params = Params::default();
+    let radius = description.geometry.bounds().radius();
+    let mut ignored = Vec::new();
     for param in &description.integrator_params {
-        let names = translate(&named, &param.name);
-        if names.is_empty() {
-            let (file, line, name) = (param.file.display(), param.line, &param.name);
-            let message = format!("{file}:{line}: parameter '{name}' of integrator '{named}' is ignored");
-            args.verbosity.detail(&message);
+        let ours = translate(&named, param, radius);
+        if ours.is_empty() {
+            ignored.push(param.name.as_str());
         }
-        names.iter().try_for_each(|name| apply(&mut params, name, param))?;
+        ours.iter().try_for_each(|(name, value)| apply(&mut params, name, value, param))?;
+    }
+    if !ignored.is_empty() {
+        let message =
+            format!("parameters of integrator '{named}' that have no effect: {}", ignored.join(", "));
+        args.verbosity.note("warning: ", &message);
     }
     for (name, value) in &args.set {
         params.set(name, value)?;
@@ -84,26 +89,41 @@ pub(super) fn prepare(path: &Path, args: &SceneArgs, kind: Option<Kind>) -> Resu
     Ok(Prepared { scene, backend, options, named_integrator: named, seconds: (load, build) })
 }
 
-/// Our names for parameter `name` of a scene's integrator; none if it means nothing to us. What a `photonmap` says is
-/// passed on whatever it is, so that typing errors are found; others have parameters that only they need.
-fn translate<'a>(integrator: &str, name: &'a str) -> Vec<&'a str> {
-    match (integrator, name) {
-        ("photonmap", name) => vec![name],
-        (_, "max_depth" | "maxDepth") => vec!["max_depth"],
-        (_, "rr_depth" | "rrDepth") => vec!["rr_depth"],
-        (_, "hide_emitters" | "hideEmitters") => vec!["hide_emitters"],
+/// Our names and values for a parameter of a scene's integrator; none if it means nothing to us. What a `photonmap` says
+/// is passed on whatever it is, so that typing errors are found; others have parameters that only they need. `radius` is
+/// the scene's.
+fn translate<'a>(integrator: &str, param: &'a IntegratorParam, radius: f32) -> Vec<(&'a str, String)> {
+    let value = param.value.as_str();
+    let same = |names: &[&'a str]| names.iter().map(|name| (*name, value.to_string())).collect();
+    match (integrator, param.name.as_str()) {
+        ("photonmap", name) => same(&[name]),
+        (_, "max_depth") => same(&["max_depth"]),
+        (_, "rr_depth") => same(&["rr_depth"]),
+        (_, "hide_emitters") => same(&["hide_emitters"]),
         // Mitsuba 0.6, whose radii are fractions of the scene's radius as ours are.
-        ("photonmapper", "global_photons" | "globalPhotons") => vec!["global_photons"],
-        ("photonmapper", "caustic_photons" | "causticPhotons") => vec!["caustic_photons"],
-        ("photonmapper", "lookup_size" | "lookupSize") => vec!["global_k", "caustic_k"],
-        ("photonmapper", "global_lookup_radius" | "globalLookupRadius") => vec!["global_radius"],
-        ("photonmapper", "caustic_lookup_radius" | "causticLookupRadius") => vec!["caustic_radius"],
+        ("photonmapper", "global_photons") => same(&["global_photons"]),
+        ("photonmapper", "caustic_photons") => same(&["caustic_photons"]),
+        ("photonmapper", "lookup_size") => same(&["global_k", "caustic_k"]),
+        ("photonmapper", "global_lookup_size") => same(&["global_k"]),
+        ("photonmapper", "caustic_lookup_size") => same(&["caustic_k"]),
+        ("photonmapper", "global_lookup_radius") => same(&["global_radius"]),
+        ("photonmapper", "caustic_lookup_radius") => same(&["caustic_radius"]),
+        ("ppm" | "sppm", "alpha") => same(&["alpha"]),
+        ("ppm" | "sppm", "photon_count") => same(&["global_photons", "caustic_photons"]),
+        // In units of the scene; 0 leaves it to the renderer.
+        ("ppm" | "sppm", "initial_radius") => match value.parse::<f32>() {
+            Ok(r) if r > 0.0 && radius > 0.0 => {
+                let relative = (r / radius).to_string();
+                vec![("global_radius", relative.clone()), ("caustic_radius", relative)]
+            }
+            _ => vec![],
+        },
         _ => vec![],
     }
 }
 
-fn apply(params: &mut Params, name: &str, param: &IntegratorParam) -> Result<()> {
-    params.set(name, &param.value).map_err(|e| Error::Scene {
+fn apply(params: &mut Params, name: &str, value: &str, param: &IntegratorParam) -> Result<()> {
+    params.set(name, value).map_err(|e| Error::Scene {
         file: param.file.clone(),
         line: param.line,
         message: e.to_string(),

@@ -19,7 +19,7 @@ use super::{SceneDescription, obj};
 use crate::bsdf::{Distribution, RoughCoating};
 use crate::camera::Camera;
 use crate::film::{FilmSettings, Filter};
-use crate::image_io;
+use crate::image_io::{self, Encoding};
 use crate::light::Light;
 use crate::math::Rgb;
 use crate::shape::{Bounds, Geometry, Shape};
@@ -157,8 +157,9 @@ impl Builder {
             return Ok(*index);
         }
         let fail = |message: String| Error::Scene { file: file.into(), line: mtl.line, message };
-        let image = image_io::read_encoded(path, srgb).map_err(|e| fail(e.to_string()))?;
-        let bitmap = Bitmap::new(image, Interpolation::Bilinear, Wrap::Repeat, Affine2::IDENTITY);
+        let encoding = if srgb { Encoding::Srgb } else { Encoding::Linear };
+        let image = image_io::read_encoded(path, encoding).map_err(|e| fail(e.to_string()))?;
+        let bitmap = Bitmap::new(image, Interpolation::Bilinear, [Wrap::Repeat; 2], Affine2::IDENTITY);
         self.textures.push(Texture::Bitmap(bitmap.map_err(fail)?));
         let index = self.textures.len() as u32 - 1;
         self.texture_of.insert(key, index);

@@ -54,10 +54,7 @@ pub(super) fn place(mut mesh: Mesh, placement: &Placement) -> Result<Mesh, Strin
             *n = (to_world * n.as_dvec3()).as_vec3();
         }
         normalize_normals(&mut mesh);
-        // A mirroring transform turns the winding around, but not the normals that the file gives.
-        if placement.to_world.matrix3.determinant() < 0.0 {
-            swap_winding(&mut mesh);
-        }
+        wind_by_normals(&mut mesh);
     }
     if placement.flip_normals {
         swap_winding(&mut mesh);
@@ -71,6 +68,18 @@ pub(super) fn place(mut mesh: Mesh, placement: &Placement) -> Result<Mesh, Strin
 
 fn swap_winding(mesh: &mut Mesh) {
     mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+}
+
+/// Turns triangles around that the given normals see from behind: mirrored ones, and those that the file has clockwise.
+/// Which side is the front, the normals say, as in Mitsuba.
+fn wind_by_normals(mesh: &mut Mesh) {
+    for i in 0..mesh.triangles.len() {
+        let triangle = mesh.triangles[i];
+        let given: Vec3 = triangle.iter().map(|&v| mesh.normals[v as usize]).sum();
+        if mesh.area_vector(i as u32).dot(given) < 0.0 {
+            mesh.triangles[i].swap(1, 2);
+        }
+    }
 }
 
 /// Normals of adjacent triangles weighted by their angles at the vertex (Thürmer & Wüthrich 1998, "Computing Vertex
@@ -180,6 +189,14 @@ mod tests {
                 assert!(n.distance(expected) < 1e-6, "{scale}: {n} is not {expected}");
             }
         }
+    }
+
+    #[test]
+    fn normals_say_which_side_is_the_front() {
+        let mut mesh = Mesh { normals: vec![Vec3::new(0.1, -0.1, 1.0); 4], ..folded() };
+        mesh.triangles[1].swap(0, 1);
+        let mesh = place(mesh, &Placement::IDENTITY).unwrap();
+        assert!((0..2).all(|i| mesh.area_vector(i).z > 0.0));
     }
 
     #[test]

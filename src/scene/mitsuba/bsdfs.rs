@@ -2,7 +2,7 @@
 
 use super::Loader;
 use super::props::Props;
-use super::xml::{Property, Value};
+use super::xml::{Property, Value, tokens};
 use crate::Result;
 use crate::bsdf::{Coating, Distribution, Perturbation, RoughCoating};
 use crate::math::Rgb;
@@ -40,6 +40,10 @@ impl<'a> Loader<'a> {
     fn new_material(&mut self, props: Props<'a>) -> Result<Material> {
         let mut color = |name, default| self.color(props, name, Role::Reflectance, Rgb::splat(default));
         let material = match props.plugin() {
+            // Mitsuba 0.6 knows both names.
+            "diffuse" if props.object.old && props.has("diffuse_reflectance") => {
+                Material::Diffuse { reflectance: color("diffuse_reflectance", 0.5)? }
+            }
             "diffuse" => Material::Diffuse { reflectance: color("reflectance", 0.5)? },
             "null" => Material::Null,
             "dielectric" => Material::Dielectric {
@@ -108,6 +112,7 @@ impl<'a> Loader<'a> {
                     Err(_) => return Err(props.error("a blendbsdf needs two bsdfs inside")),
                 }
             }
+            "mixturebsdf" if props.object.old => self.mixture(props)?,
             "normalmap" => {
                 let normals = self.color_of(props, self.nested_texture(props)?, Role::Unbounded)?;
                 let rules = perturbation(props)?;
@@ -147,6 +152,41 @@ impl<'a> Loader<'a> {
             );
         }
         Ok(Material::TwoSided { front: Box::new(front), back: back.map(Box::new) })
+    }
+
+    /// Mitsuba 0.6's sum of any number of materials. Where the weights add up to less than 1, the rest is black.
+    fn mixture(&mut self, props: Props<'a>) -> Result<Material> {
+        let text =
+            props.opt_string("weights")?.ok_or_else(|| props.error("a mixturebsdf needs 'weights'"))?;
+        let weight = |t: &str| t.parse::<f32>().ok().filter(|w| *w >= 0.0 && w.is_finite());
+        let weights = tokens(text).map(weight).collect::<Option<Vec<_>>>();
+        let nested = self.nested_bsdfs(props, usize::MAX)?;
+        let weights = weights.filter(|w| w.len() == nested.len() && !w.is_empty()).ok_or_else(|| {
+            let message =
+                format!("'weights' is '{text}', but should be one number, not negative, for each bsdf");
+            props.error_at("weights", message)
+        })?;
+        let mut total = weights.iter().sum::<f32>().max(1.0);
+        let black = Material::Diffuse { reflectance: Color::Constant(Rgb::ZERO) };
+        let mut parts: Vec<(f32, Material)> = weights.into_iter().map(|w| w / total).zip(nested).collect();
+        total = parts.iter().map(|(w, _)| w).sum();
+        if total < 1.0 - 1e-5 {
+            parts.push((1.0 - total, black));
+        }
+        // From the end: a part among those after it.
+        let mut rest: Option<(f32, Material)> = None;
+        for (weight, material) in parts.into_iter().rev() {
+            rest = Some(match rest {
+                None => (weight, material),
+                Some((others, other)) => {
+                    let all = weight + others;
+                    let share = if all > 0.0 { others / all } else { 0.0 };
+                    let nested = [material, other].map(Box::new);
+                    (all, Material::Blend { weight: Scalar::Constant(share), nested })
+                }
+            });
+        }
+        rest.map(|(_, mixture)| mixture).ok_or_else(|| props.error("a mixturebsdf needs bsdfs inside"))
     }
 
     /// The only texture inside, whatever it is called.
@@ -190,9 +230,11 @@ impl<'a> Loader<'a> {
 
     /// Real and imaginary part of the index of refraction: given, or by the name of a material.
     fn complex_ior(&mut self, props: Props<'a>) -> Result<(Color, Color)> {
-        let material = props.opt_string("material")?.unwrap_or("none");
-        if props.has("eta") || material == "none" {
-            if props.has("material") && material != "none" {
+        // Mitsuba 0.6 makes everything of copper.
+        let default = if props.object.old && !props.has("eta") && !props.has("k") { "Cu" } else { "none" };
+        let material = props.opt_string("material")?.unwrap_or(default);
+        if props.has("eta") || material.eq_ignore_ascii_case("none") {
+            if props.has("material") && !material.eq_ignore_ascii_case("none") {
                 return Err(props.error_at("material", "give either 'material' or 'eta' and 'k', not both"));
             }
             let eta = self.color(props, "eta", Role::Unbounded, Rgb::ZERO)?;
@@ -234,16 +276,23 @@ impl<'a> Loader<'a> {
     }
 }
 
-/// How Mitsuba 3 uses perturbed normals.
+/// How perturbed normals are used: Mitsuba 0.6 had neither rule.
 fn perturbation(props: Props) -> Result<Perturbation> {
+    let new = !props.object.old;
     Ok(Perturbation {
-        flip_invalid: props.boolean("flip_invalid_normals", true)?,
-        shadowing: props.boolean("use_shadowing_function", true)?,
+        flip_invalid: props.boolean("flip_invalid_normals", new)?,
+        shadowing: props.boolean("use_shadowing_function", new)?,
     })
 }
 
 fn distribution(props: Props) -> Result<Distribution> {
     let choices = [("beckmann", Distribution::Beckmann), ("ggx", Distribution::Ggx)];
+    let old = props.opt_string("distribution")?.filter(|_| props.object.old);
+    if let Some(name @ ("phong" | "as")) = old {
+        let message = format!("the microfacets of '{name}' are those of beckmann here, which hardly differ");
+        props.tree.warn(props.pos("distribution"), &message);
+        return Ok(Distribution::Beckmann);
+    }
     props.choice("distribution", Distribution::Beckmann, &choices)
 }
 

@@ -2,8 +2,9 @@
 
 use super::Loader;
 use super::props::{Props, to_f32, vec3};
+use super::textures::gamma;
 use crate::Result;
-use crate::image_io;
+use crate::image_io::{self, Encoding};
 use crate::light::{Envmap, Light, Spot};
 use crate::math::Rgb;
 use crate::scene::spectrum::Role;
@@ -100,11 +101,16 @@ impl<'a> Loader<'a> {
                 Props::new(self.tree, index)
             })
         });
-        let (path, srgb) = match nested {
-            Some(bitmap) => (self.filename(bitmap)?, !bitmap.boolean("raw", false)?),
-            None => (self.filename(props)?, true),
+        let (path, raw) = match nested {
+            Some(bitmap) => (self.filename(bitmap)?, bitmap.boolean("raw", false)?),
+            None => (self.filename(props)?, false),
         };
-        let image = image_io::read_encoded(&path, srgb)?;
+        let encoding = match gamma(props)? {
+            Some(gamma) => Encoding::Gamma(gamma),
+            None if raw => Encoding::Linear,
+            None => Encoding::Srgb,
+        };
+        let image = image_io::read_encoded(&path, encoding)?;
         let scale = props.float("scale", 1.0)?;
         props.boolean("mis_compensation", false)?;
         let envmap = Envmap::new(image, scale, to_f32(props.to_world()?));

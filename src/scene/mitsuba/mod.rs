@@ -1,4 +1,4 @@
-//! Mitsuba 3 scenes. [`xml`] knows the grammar, [`props`] types and use of parameters; the other modules know one kind
+//! Mitsuba scenes, of version 3 or 0.6. [`xml`] knows the grammar, [`props`] types and use of parameters; the other modules know one kind
 //! of plugin each.
 
 mod bsdfs;
@@ -7,6 +7,7 @@ mod props;
 mod sensor;
 mod shapes;
 mod textures;
+mod upgrade;
 mod xml;
 
 #[cfg(test)]
@@ -43,7 +44,6 @@ struct Loader<'a> {
     emitters: Vec<(u32, Props<'a>)>,
     jobs: Vec<shapes::Job>,
     shape_material: Vec<u32>,
-    warnings: Vec<String>,
     depth: u32,
 }
 
@@ -65,7 +65,6 @@ pub(super) fn load(
         emitters: Vec::new(),
         jobs: Vec::new(),
         shape_material: Vec::new(),
-        warnings: tree.warnings.clone(),
         depth: 0,
     };
     let scene = Props::new(&tree, 0);
@@ -98,7 +97,13 @@ pub(super) fn load(
     let Some(sensor) = sensor else {
         return Err(scene.error("the scene has no <sensor>: there is no view to render"));
     };
-    let (integrator, integrator_params) = integrator.unwrap_or_default();
+    let (integrator, mut integrator_params) = integrator.unwrap_or_default();
+    // Mitsuba 0.6's progressive photon mappers count passes, not samples.
+    let mut sample_count = sensor.sample_count;
+    if let Some(i) = integrator_params.iter().position(|p| p.name == "max_passes") {
+        let passes = integrator_params.swap_remove(i).value;
+        sample_count = passes.parse().ok().filter(|n| *n > 0).unwrap_or(sample_count);
+    }
     let shapes = shapes::build(loader.jobs)?;
     for (shape, emitter) in loader.emitters {
         let area = shapes[shape as usize].area();
@@ -114,20 +119,23 @@ pub(super) fn load(
         lights: loader.lights,
         camera: sensor.camera,
         film: sensor.film,
-        sample_count: sensor.sample_count,
+        sample_count,
         integrator,
         integrator_params,
-        warnings: loader.warnings,
+        warnings: tree.take_warnings(),
     })
 }
+
+/// Integrators around others: statistics, and what steers how others sample.
+const WRAPPERS: [&str; 5] = ["moment", "aov", "irrcache", "adaptive", "multichannel"];
 
 /// Parameters of Mitsuba's integrators that only steer how it samples.
 const UNUSED_INTEGRATOR_PARAMETERS: [&str; 6] =
     ["block_size", "samples_per_pass", "timeout", "shading_samples", "emitter_samples", "bsdf_samples"];
 
 impl<'a> Loader<'a> {
-    fn warn_at(&mut self, pos: xml::Pos, message: &str) {
-        self.warnings.push(self.tree.at(pos, message));
+    fn warn_at(&self, pos: xml::Pos, message: &str) {
+        self.tree.warn(pos, message);
     }
 
     /// Guards recursion through references.
@@ -143,9 +151,13 @@ impl<'a> Loader<'a> {
 
     /// Type and parameters of the integrator inside all wrappers.
     fn integrator(&mut self, props: Props<'a>) -> Result<(String, Vec<IntegratorParam>)> {
-        if matches!(props.plugin(), "moment" | "aov") {
+        if WRAPPERS.contains(&props.plugin()) {
             let children = props.children()?;
             let inner = children.iter().find(|(c, _)| c.object.tag == "integrator");
+            if props.object.old {
+                let message = format!("{} has no effect but for what it wraps", props.title());
+                self.warn_at(props.object.pos, &message);
+            }
             return match inner {
                 Some((inner, _)) => self.nested(*inner, |loader| loader.integrator(*inner)),
                 None => Err(props.error(format!("{} contains no integrator", props.title()))),
@@ -156,7 +168,7 @@ impl<'a> Loader<'a> {
             let Property { name, value, pos, .. } = property;
             let value = match value {
                 _ if UNUSED_INTEGRATOR_PARAMETERS.contains(&name.as_str()) => {
-                    self.warn_at(*pos, &format!("parameter '{name}' of the integrator has no effect"));
+                    self.tree.warn_ignored(&props.title(), property);
                     continue;
                 }
                 Value::Float(v) => v.to_string(),

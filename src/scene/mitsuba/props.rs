@@ -198,9 +198,18 @@ impl<'a> Props<'a> {
         self.object.properties.iter().filter(|p| !p.used.get())
     }
 
+    /// Mitsuba 0.6 warns of parameters that nobody asks for, so its scenes may have some.
+    ///
     /// # Errors
     /// If the object has a property that nobody asked for.
     pub(super) fn finish(self) -> Result<()> {
+        if self.object.old {
+            let plain = |p: &&Property| !matches!(p.value, Value::Object(_) | Value::Reference(_));
+            for property in self.unused().filter(plain) {
+                property.used.set(true);
+                self.tree.warn_ignored(&self.title(), property);
+            }
+        }
         match self.unused().next() {
             None => Ok(()),
             Some(p) => {

@@ -111,6 +111,9 @@ impl<'a> Loader<'a> {
         for name in ["file_format", "pixel_format", "component_format"] {
             props.opt_string(name)?;
         }
+        if props.object.old {
+            props.boolean("attach_log", false)?;
+        }
         for name in ["sample_border", "banner", "compensate", "high_quality_edges"] {
             props.boolean(name, false)?;
         }

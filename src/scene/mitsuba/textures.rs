@@ -4,7 +4,7 @@ use super::Loader;
 use super::props::Props;
 use super::xml::{Property, Value, tokens};
 use crate::Result;
-use crate::image_io;
+use crate::image_io::{self, Encoding};
 use crate::math::Rgb;
 use crate::scene::spectrum::{Role, Spectrum};
 use crate::texture::{Bitmap, Color, Interpolation, Scalar, Texture, Wrap};
@@ -32,7 +32,7 @@ impl<'a> Loader<'a> {
             let object = Props::new(self.tree, index);
             return self.nested(object, |loader| loader.texture(object, property, role, Use::Color));
         }
-        match self.constant(property, role)? {
+        match self.constant(property, role, props.object.old)? {
             Some(rgb) => Ok(Color::Constant(rgb)),
             None => Err(self.not_a_color(props, property)),
         }
@@ -71,7 +71,7 @@ impl<'a> Loader<'a> {
                 Color::Texture(index) => Scalar::Texture(index),
             });
         }
-        match self.constant(property, Role::Unbounded)? {
+        match self.constant(property, Role::Unbounded, props.object.old)? {
             Some(rgb) => Ok(Scalar::Constant(crate::math::luminance(rgb))),
             None => Err(self.not_a_color(props, property)),
         }
@@ -88,7 +88,7 @@ impl<'a> Loader<'a> {
     }
 
     /// The colour of a property that is no object; `None` if it is no colour at all.
-    fn constant(&mut self, property: &Property, role: Role) -> Result<Option<Rgb>> {
+    fn constant(&mut self, property: &Property, role: Role, old: bool) -> Result<Option<Rgb>> {
         let rgb = match &property.value {
             Value::Float(v) => Rgb::splat(*v as f32),
             Value::Integer(v) => Rgb::splat(*v as f32),
@@ -96,9 +96,15 @@ impl<'a> Loader<'a> {
                 let inside = v.min_element() >= 0.0 && v.max_element() <= 1.0;
                 if role == Role::Reflectance && !inside {
                     let message = format!("the reflectance '{}' is {v}, outside of 0..1", property.name);
-                    return Err(self.tree.error(property.pos, message));
+                    if !(old && v.min_element() >= 0.0) {
+                        return Err(self.tree.error(property.pos, message));
+                    }
+                    // As in Mitsuba 0.6, which keeps the hue.
+                    self.warn_at(property.pos, &format!("{message}: scaled down"));
+                    (*v / v.max_element()).as_vec3()
+                } else {
+                    v.as_vec3()
                 }
-                v.as_vec3()
             }
             Value::Spectrum(spectrum) => self.spectrum(property, spectrum, role),
             _ => return Ok(None),
@@ -134,6 +140,8 @@ impl<'a> Loader<'a> {
         let texture = match props.plugin() {
             "bitmap" => self.bitmap(props)?,
             "checkerboard" => self.checkerboard(props, role, usage)?,
+            "gridtexture" if props.object.old => self.grid(props, role)?,
+            "scale" if props.object.old => return self.scaled(props, role, usage),
             _ => return self.spectrum_object(props, asker, role).map(Color::Constant),
         };
         props.finish()?;
@@ -146,18 +154,34 @@ impl<'a> Loader<'a> {
     fn bitmap(&mut self, props: Props<'a>) -> Result<Texture> {
         let to_uv = to_uv(props)?;
         let raw = props.boolean("raw", false)?;
-        let interpolation = props.choice(
-            "filter_type",
-            Interpolation::Bilinear,
-            &[("bilinear", Interpolation::Bilinear), ("nearest", Interpolation::Nearest)],
-        )?;
+        let filters: &[_] = &[
+            ("bilinear", Interpolation::Bilinear),
+            ("nearest", Interpolation::Nearest),
+            // Mitsuba 0.6. Many samples per pixel filter as well.
+            ("ewa", Interpolation::Bilinear),
+            ("trilinear", Interpolation::Bilinear),
+        ];
+        let known = if props.object.old { filters } else { &filters[..2] };
+        let interpolation = props.choice("filter_type", Interpolation::Bilinear, known)?;
         let wraps = [("repeat", Wrap::Repeat), ("mirror", Wrap::Mirror), ("clamp", Wrap::Clamp)];
-        let wrap = props.choice("wrap_mode", Wrap::Repeat, &wraps)?;
+        let mut wrap = [props.choice("wrap_mode", Wrap::Repeat, &wraps)?; 2];
+        if props.object.old {
+            let [u, v] = wrap;
+            wrap = [props.choice("wrap_mode_u", u, &wraps)?, props.choice("wrap_mode_v", v, &wraps)?];
+        }
         // Storage formats of Mitsuba.
         props.opt_string("format")?;
         props.boolean("accel", true)?;
         let path = self.filename(props)?;
-        let image = image_io::read_encoded(&path, !raw)?;
+        let encoding = match gamma(props)? {
+            Some(gamma) => Encoding::Gamma(gamma),
+            None if raw => Encoding::Linear,
+            None => Encoding::Srgb,
+        };
+        let mut image = image_io::read_encoded(&path, encoding)?;
+        if props.object.old {
+            select_channel(props, &mut image)?;
+        }
         let bitmap = Bitmap::new(image, interpolation, wrap, to_uv);
         bitmap.map(Texture::Bitmap).map_err(|message| crate::Error::File { file: path, message })
     }
@@ -170,6 +194,43 @@ impl<'a> Loader<'a> {
             std::mem::swap(&mut color0, &mut color1);
         }
         Ok(Texture::Checkerboard { color0, color1, to_uv: to_uv(props)? })
+    }
+
+    fn grid(&mut self, props: Props<'a>, role: Role) -> Result<Texture> {
+        let color0 = self.constant_color(props, "color0", role, Rgb::splat(0.2))?;
+        let color1 = self.constant_color(props, "color1", role, Rgb::splat(0.4))?;
+        let line_width = props.float("line_width", 0.01)?;
+        Ok(Texture::Grid { color0, color1, line_width, to_uv: to_uv(props)? })
+    }
+
+    /// Mitsuba 0.6's product of a texture and a colour.
+    fn scaled(&mut self, props: Props<'a>, role: Role, usage: Use) -> Result<Color> {
+        let scale = self.constant_color(props, "scale", Role::Unbounded, Rgb::ONE)?;
+        let Some(value) = props
+            .unused()
+            .find(|p| p.name == "value" || matches!(p.value, Value::Object(_) | Value::Reference(_)))
+        else {
+            return Err(props.error("a scale texture needs a 'value' or a texture inside"));
+        };
+        value.used.set(true);
+        let color = match usage {
+            Use::Color => self.color_of(props, value, role)?,
+            Use::Scalar => match self.scalar_of(props, value)? {
+                Scalar::Constant(v) => Color::Constant(Rgb::splat(v)),
+                Scalar::Texture(index) => Color::Texture(index),
+            },
+        };
+        props.finish()?;
+        Ok(match color {
+            Color::Constant(rgb) => Color::Constant(rgb * scale),
+            Color::Texture(index) => {
+                let scaled = self.textures[index as usize].scaled(scale);
+                let index = self.textures.len() as u32;
+                self.textures.push(scaled);
+                self.texture_of.insert((props.index, usage), index);
+                Color::Texture(index)
+            }
+        })
     }
 
     /// `d65`, `blackbody` and the other spectrum plugins.
@@ -268,9 +329,41 @@ impl<'a> Loader<'a> {
     }
 }
 
+/// Mitsuba 0.6's exponent of an image's encoding: −1 stands for sRGB; `None` leaves it to the file.
+pub(super) fn gamma(props: Props) -> Result<Option<f32>> {
+    match if props.object.old { props.float("gamma", 0.0)? } else { 0.0 } {
+        0.0 | -1.0 => Ok(None),
+        gamma if gamma > 0.0 && gamma.is_finite() => Ok(Some(gamma)),
+        gamma => {
+            Err(props.error_at("gamma", format!("'gamma' is {gamma}, but must be positive, or -1 for sRGB")))
+        }
+    }
+}
+
+/// Mitsuba 0.6's textures of one channel of an image.
+fn select_channel(props: Props, image: &mut image_io::Image) -> Result<()> {
+    let channel = match props.opt_string("channel")?.map(str::to_lowercase).as_deref() {
+        None | Some("") => return Ok(()),
+        Some("r") => 0,
+        Some("g") => 1,
+        Some("b") => 2,
+        Some(other) => {
+            return Err(props.error_at("channel", format!("'channel' is '{other}', but must be r, g or b")));
+        }
+    };
+    image.pixels.iter_mut().for_each(|p| *p = Rgb::splat(p[channel]));
+    Ok(())
+}
+
 /// The transform of texture coordinates: x and y of a 3D transform, as in Mitsuba (which therefore ignores the third
 /// column of a 3×3 `<matrix>`).
 fn to_uv(props: Props) -> Result<Affine2> {
+    if props.object.old {
+        let (both, offset) = (props.float("uv_scale", 1.0)?, |name| props.float(name, 0.0));
+        let scale = Vec2::new(props.float("u_scale", both)?, props.float("v_scale", both)?);
+        let offset = Vec2::new(offset("uoffset")?, offset("voffset")?);
+        return Ok(Affine2::from_scale_angle_translation(scale, 0.0, offset));
+    }
     let m = props.matrix("to_uv")?;
     let column = |i: usize| m.col(i).as_vec4();
     let affine = |x: glam::Vec4, y: glam::Vec4, t: glam::Vec4| {

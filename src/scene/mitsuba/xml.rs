@@ -1,12 +1,13 @@
 //! From XML text to a flat tree of plugin objects with typed properties: `$name` substitution, `<default>`,
 //! `<include>`, `<path>`, `<alias>`, ids, transforms. Knows the format's grammar, but no plugin.
 
+use super::upgrade;
 use crate::scene::place::look_at;
 use crate::scene::spectrum::Spectrum;
 use crate::{Error, Result};
 use glam::{DMat4, DVec3};
-use std::cell::Cell;
-use std::collections::HashMap;
+use std::cell::{Cell, RefCell};
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// Deepest nesting of elements, and of includes: scenes need less than ten of either.
@@ -76,6 +77,8 @@ pub(super) struct Object {
     pub plugin: String,
     pub pos: Pos,
     pub properties: Vec<Property>,
+    /// From a file of Mitsuba 0.4 to 0.6: names are today's, defaults are not.
+    pub old: bool,
 }
 
 /// Everything that the files say. Object 0 is the scene.
@@ -86,7 +89,9 @@ pub(super) struct Tree {
     pub ids: HashMap<String, usize>,
     /// Folders named by `<path>`, the latest first.
     pub search: Vec<PathBuf>,
-    pub warnings: Vec<String>,
+    warnings: RefCell<Vec<String>>,
+    /// Plugins and parameters that are ignored, to say so once for each.
+    ignored: RefCell<HashSet<(String, String)>>,
     parameters: Vec<Parameter>,
 }
 
@@ -98,7 +103,7 @@ struct Parameter {
     unused_define: bool,
 }
 
-const OBJECT_TAGS: [&str; 14] = [
+const OBJECT_TAGS: [&str; 15] = [
     "scene",
     "bsdf",
     "shape",
@@ -110,6 +115,7 @@ const OBJECT_TAGS: [&str; 14] = [
     "integrator",
     "texture",
     "medium",
+    "subsurface",
     "phase",
     "volume",
     "spectrum",
@@ -128,15 +134,15 @@ impl Tree {
             objects: Vec::new(),
             ids: HashMap::new(),
             search: Vec::new(),
-            warnings: Vec::new(),
+            warnings: RefCell::default(),
+            ignored: RefCell::default(),
             parameters: parameters.collect(),
         };
         tree.sort_parameters();
         tree.read_file(path, None, 0)?;
         let unused = tree.parameters.iter().filter(|p| p.unused_define);
-        let unused: Vec<_> =
-            unused.map(|p| format!("-D {}={}: the scene has no such parameter", p.name, p.value)).collect();
-        tree.warnings.extend(unused);
+        let unused = unused.map(|p| format!("-D {}={}: the scene has no such parameter", p.name, p.value));
+        tree.warnings.borrow_mut().extend(unused);
         Ok(tree)
     }
 
@@ -151,8 +157,25 @@ impl Tree {
     }
 
     /// `FILE:LINE: message`, for warnings.
-    pub(super) fn at(&self, pos: Pos, message: &str) -> String {
+    fn at(&self, pos: Pos, message: &str) -> String {
         format!("{}:{}: {message}", self.file(pos).display(), pos.line)
+    }
+
+    /// Warns of something at `pos`.
+    pub(super) fn warn(&self, pos: Pos, message: &str) {
+        self.warnings.borrow_mut().push(self.at(pos, message));
+    }
+
+    /// Warns, once for each plugin and parameter, that the parameter has no effect.
+    pub(super) fn warn_ignored(&self, title: &str, property: &Property) {
+        if self.ignored.borrow_mut().insert((title.into(), property.name.clone())) {
+            self.warn(property.pos, &format!("{title}: parameter '{}' has no effect", property.name));
+        }
+    }
+
+    /// All warnings so far.
+    pub(super) fn take_warnings(&self) -> Vec<String> {
+        self.warnings.take()
     }
 
     /// Finds a file that a scene names: beside the file that names it, in the folders of `<path>`, beside the
@@ -192,7 +215,7 @@ impl Tree {
         let document = roxmltree::Document::parse(&text)
             .map_err(|e| self.error(Pos { file, line: e.pos().row }, format!("not valid XML: {e}")))?;
         let root = document.root_element();
-        Reader { tree: self, lines: line_starts(&text), file }.root(root, parent, depth)
+        Reader { tree: self, lines: line_starts(&text), file, old: false }.root(root, parent, depth)
     }
 }
 
@@ -252,6 +275,8 @@ struct Reader<'t> {
     tree: &'t mut Tree,
     lines: Vec<usize>,
     file: u32,
+    /// Whether the file is one of Mitsuba 0.4 to 0.6.
+    old: bool,
 }
 
 /// An element with its parameters substituted.
@@ -281,18 +306,20 @@ impl Reader<'_> {
                 format!("<{}> has no version attribute: not a Mitsuba scene", element.tag),
             )
         })?;
-        let major: u32 =
-            version.split('.').next().and_then(|m| m.trim().parse().ok()).ok_or_else(|| {
-                self.tree.error(element.pos, format!("'{version}' is not a version number"))
-            })?;
-        if major < 2 {
-            return Err(self.tree.error(
-                element.pos,
-                format!(
-                    "scenes of version {version} are not supported: use Mitsuba 3's format (2.0.0 or later)"
-                ),
-            ));
-        }
+        let mut numbers = version.split('.').map(|n| n.trim().parse::<u32>().ok());
+        self.old = match (numbers.next().flatten(), numbers.next()) {
+            (Some(2..), _) => false,
+            (Some(0), Some(Some(4..))) => true,
+            (Some(_), _) => {
+                let message = format!(
+                    "scenes of version {version} are not supported: use Mitsuba 0.4 to 0.6, or 2 and later"
+                );
+                return Err(self.tree.error(element.pos, message));
+            }
+            _ => {
+                return Err(self.tree.error(element.pos, format!("'{version}' is not a version number")));
+            }
+        };
         if element.tag == "scene" {
             // An included scene's children become the including scene's own.
             let scene = match parent {
@@ -309,12 +336,23 @@ impl Reader<'_> {
 
     fn element(&mut self, node: Node) -> Result<Element> {
         let pos = self.pos(node);
+        let mut tag = node.tag_name().name();
+        if self.old {
+            tag = upgrade::element(tag);
+        }
         let mut attributes = Vec::new();
         for attribute in node.attributes() {
-            let value = self.substitute(attribute.value(), pos)?;
+            let mut value = self.substitute(attribute.value(), pos)?;
+            match attribute.name() {
+                // What a colour is meant for is known from where it stands.
+                "intent" if self.old => continue,
+                "name" if self.old && tag != "default" => value = upgrade::name(&value),
+                "type" if self.old => value = upgrade::plugin(tag, &value).into(),
+                _ => {}
+            }
             attributes.push((attribute.name().to_string(), value));
         }
-        Ok(Element { tag: node.tag_name().name().to_string(), attributes, pos })
+        Ok(Element { tag: tag.to_string(), attributes, pos })
     }
 
     /// Replaces `$name`; `\$` is a dollar sign. Each value is inserted once, so substitution cannot grow without end.
@@ -367,7 +405,8 @@ impl Reader<'_> {
             self.name_object(id, index, element.pos)?;
         }
         let tag = if element.tag == "spectrum" { "texture".into() } else { element.tag.clone() };
-        self.tree.objects.push(Object { tag, plugin, pos: element.pos, properties: Vec::new() });
+        let old = self.old;
+        self.tree.objects.push(Object { tag, plugin, pos: element.pos, properties: Vec::new(), old });
         Ok(index)
     }
 
@@ -383,10 +422,16 @@ impl Reader<'_> {
 
     fn set(&mut self, parent: usize, name: &str, value: Value, pos: Pos) -> Result<()> {
         let object = &mut self.tree.objects[parent];
-        if !name.is_empty() && object.properties.iter().any(|p| p.name == name) {
+        if let Some(first) = object.properties.iter().position(|p| !name.is_empty() && p.name == name) {
             let message = format!("parameter '{name}' is given twice");
-            return Err(self.tree.error(pos, message));
+            if !self.old {
+                return Err(self.tree.error(pos, message));
+            }
+            // As in Mitsuba 0.6.
+            object.properties.remove(first);
+            self.tree.warn(pos, &format!("{message}: the last one counts"));
         }
+        let object = &mut self.tree.objects[parent];
         object.properties.push(Property { name: name.into(), value, pos, used: Cell::new(false) });
         Ok(())
     }
@@ -426,7 +471,10 @@ impl Reader<'_> {
         if OBJECT_TAGS.contains(&tag) && (tag != "spectrum" || element.get("type").is_some()) {
             return self.object(node, element, parent, depth);
         }
-        if tag != "transform" {
+        if self.old && tag == "null" {
+            return Ok(());
+        }
+        if !matches!(tag, "transform" | "animation") {
             if let Some(inner) = node.children().find(|c| c.is_element()) {
                 let message = format!("<{}> cannot stand inside <{tag}>", inner.tag_name().name());
                 return Err(self.tree.error(self.pos(inner), message));
@@ -461,9 +509,20 @@ impl Reader<'_> {
                 self.check(&element, &["!name", "!value"])?;
                 Value::Rgb(self.rgb(text, pos)?)
             }
+            "srgb" if self.old => {
+                self.check(&element, &["!name", "!value"])?;
+                // `#rrggbb` is encoded anyway.
+                let encoded = self.rgb(text, pos)?;
+                let linear = |v: f64| crate::image_io::srgb_to_linear(v as f32) as f64;
+                Value::Rgb(if text.trim().starts_with('#') { encoded } else { encoded.map(linear) })
+            }
             "spectrum" => {
                 self.check(&element, &["!name", "value", "filename"])?;
                 let spectrum = match (element.get("value"), element.get("filename")) {
+                    // In RGB, Mitsuba 0.6 took one number for grey or white, and three for a colour.
+                    (Some(text), None) if self.old && !text.contains(':') => {
+                        return self.set(parent, &name, Value::Rgb(self.rgb(text, pos)?), pos);
+                    }
                     (Some(text), None) => Spectrum::parse(text),
                     (None, Some(file)) => {
                         let path = self.tree.resolve(file, pos)?;
@@ -482,7 +541,8 @@ impl Reader<'_> {
             }
             "blackbody" => {
                 self.check(&element, &["!name", "!temperature", "scale"])?;
-                let kelvin = self.number(element.get("temperature").unwrap_or(""), pos)?;
+                let kelvin = element.get("temperature").unwrap_or("");
+                let kelvin = self.number(kelvin.trim().trim_end_matches(['K', 'k']), pos)?;
                 let scale = element.get("scale").map_or(Ok(1.0), |s| self.number(s, pos))?;
                 let spectrum = Spectrum::blackbody(kelvin, scale);
                 Value::Spectrum(spectrum.map_err(|message| self.tree.error(pos, message))?)
@@ -491,6 +551,18 @@ impl Reader<'_> {
                 self.check(&element, &["!name"])?;
                 let mut transform = DMat4::IDENTITY;
                 for step in node.children().filter(|c| c.is_element()) {
+                    transform = self.transform(step)? * transform;
+                }
+                Value::Transform(transform)
+            }
+            "animation" if self.old => {
+                self.check(&element, &["!name"])?;
+                self.tree.warn(pos, "nothing moves: of an animation only the first transform counts");
+                let Some(first) = node.children().find(|c| c.has_tag_name("transform")) else {
+                    return error(self.tree, "an <animation> needs a <transform>".into());
+                };
+                let mut transform = DMat4::IDENTITY;
+                for step in first.children().filter(|c| c.is_element()) {
                     transform = self.transform(step)? * transform;
                 }
                 Value::Transform(transform)
