@@ -5,6 +5,7 @@
 //! roughness: that is how the light transport is split without a threshold; see [`Share`].
 
 mod blend;
+mod coated;
 mod conductor;
 mod dielectric;
 mod diffuse;
@@ -15,12 +16,14 @@ mod plastic;
 #[cfg(test)]
 mod tests;
 
+pub use coated::Layer;
 pub use microfacet::{Distribution, Microfacet};
 pub use perturbed::Perturbation;
 pub use plastic::{Coating, RoughCoating};
 
 use crate::math::Rgb;
 use blend::Blend;
+use coated::Coated;
 use conductor::{Conductor, RoughConductor};
 use dielectric::{Dielectric, RoughDielectric, ThinDielectric};
 use diffuse::Diffuse;
@@ -134,6 +137,7 @@ enum Kind<'a> {
     Plastic(Plastic),
     RoughPlastic(RoughPlastic<'a>),
     Blend(Box<Blend<'a>>),
+    Coated(Box<Coated<'a>>),
     Perturbed(Box<Perturbed<'a>>),
 }
 
@@ -196,6 +200,11 @@ impl<'a> Bsdf<'a> {
     pub fn blend(first: Bsdf<'a>, second: Bsdf<'a>, weight: f32) -> Self {
         let weight = if weight > 0.0 { weight.min(1.0) } else { 0.0 };
         Bsdf::new(Kind::Blend(Box::new(Blend { weight, bsdfs: [first, second] })))
+    }
+
+    /// The same under a layer (Mitsuba 0.6's `coating` and `roughcoating`). It must not transmit.
+    pub fn coated(self, layer: Layer<'a>) -> Self {
+        Bsdf::new(Kind::Coated(Box::new(Coated { layer, nested: self })))
     }
 
     /// The same about the unit normal `n` instead of the local z axis (`normalmap`, `bumpmap`); the tangent lies in the
@@ -277,6 +286,7 @@ impl<'a> Bsdf<'a> {
             && match &self.kind {
                 Kind::Null | Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => false,
                 Kind::Blend(b) => b.any(Bsdf::has_smooth),
+                Kind::Coated(b) => b.layer.rough.is_some() || b.nested.has_smooth(),
                 Kind::Perturbed(b) => b.nested.has_smooth(),
                 _ => true,
             }
@@ -291,6 +301,7 @@ impl<'a> Bsdf<'a> {
                 | Kind::RoughDielectric(_)
                 | Kind::RoughPlastic(_) => false,
                 Kind::Blend(b) => b.any(Bsdf::has_delta),
+                Kind::Coated(b) => b.layer.rough.is_none() || b.nested.has_delta(),
                 Kind::Perturbed(b) => b.nested.has_delta(),
                 _ => true,
             }
@@ -302,6 +313,9 @@ impl<'a> Bsdf<'a> {
         self.opacity > 0.0
             && match &self.kind {
                 Kind::Blend(b) => b.any(Bsdf::has_rough),
+                Kind::Coated(b) => {
+                    b.layer.rough.is_some_and(|coating| divided(coating.roughness())) || b.nested.has_rough()
+                }
                 Kind::Perturbed(b) => b.nested.has_rough(),
                 kind => kind.roughness().is_some_and(divided),
             }
@@ -351,6 +365,7 @@ impl<'a> Bsdf<'a> {
             Kind::Plastic(b) => b.albedo(),
             Kind::RoughPlastic(b) => b.albedo(),
             Kind::Blend(b) => b.albedo(),
+            Kind::Coated(b) => b.albedo(),
             Kind::Perturbed(b) => b.nested.albedo(),
         };
         Rgb::ONE.lerp(a, self.opacity)
@@ -379,6 +394,7 @@ impl Kind<'_> {
             Kind::Plastic(b) => b.eval(wo, wi),
             Kind::RoughPlastic(b) => b.eval(wo, wi, part(b.roughness())),
             Kind::Blend(b) => b.eval(wo, wi, mode, share),
+            Kind::Coated(b) => b.eval(wo, wi, mode, share),
             Kind::Perturbed(b) => b.eval(wo, wi, mode, share),
         }
     }
@@ -392,6 +408,7 @@ impl Kind<'_> {
             Kind::Plastic(b) => b.pdf_w(wo, wi),
             Kind::RoughPlastic(b) => b.pdf_w(wo, wi),
             Kind::Blend(b) => b.pdf_w(wo, wi, mode),
+            Kind::Coated(b) => b.pdf_w(wo, wi, mode),
             Kind::Perturbed(b) => b.pdf_w(wo, wi, mode),
         }
     }
@@ -408,6 +425,7 @@ impl Kind<'_> {
             Kind::Plastic(b) => b.sample(wo, u_lobe, u),
             Kind::RoughPlastic(b) => b.sample(wo, u_lobe, u),
             Kind::Blend(b) => b.sample(wo, u_lobe, u, mode),
+            Kind::Coated(b) => b.sample(wo, u_lobe, u, mode),
             Kind::Perturbed(b) => b.sample(wo, u_lobe, u, mode),
         }
     }

@@ -64,11 +64,20 @@ impl RoughCoating {
         RoughCoating { microfacet, coating: Coating { eta, internal_reflectance }, transmittance }
     }
 
+    pub(super) fn microfacet(&self) -> &Microfacet {
+        &self.microfacet
+    }
+
+    pub(super) fn roughness(&self) -> f32 {
+        self.microfacet.roughness()
+    }
+
     pub(super) fn smooth(&self) -> &Coating {
         &self.coating
     }
 
-    fn transmittance(&self, cos: f32) -> f32 {
+    /// Light that gets in, by the cosine outside.
+    pub(super) fn transmittance(&self, cos: f32) -> f32 {
         let x = cos.clamp(0.0, 1.0) * (TABLE_SIZE - 1) as f32;
         let i = (x as usize).min(TABLE_SIZE - 2);
         let (a, b) = (self.transmittance[i], self.transmittance[i + 1]);
@@ -240,6 +249,6 @@ impl RoughPlastic<'_> {
     }
 
     pub(super) fn roughness(&self) -> f32 {
-        self.coating.microfacet.roughness()
+        self.coating.roughness()
     }
 }

@@ -1,6 +1,6 @@
 //! Materials: scattering functions with textures still to be looked up.
 
-use crate::bsdf::{Bsdf, Coating, Distribution, Microfacet, Perturbation, RoughCoating};
+use crate::bsdf::{Bsdf, Coating, Distribution, Layer, Microfacet, Perturbation, RoughCoating};
 use crate::texture::{Color, Scalar, Texture};
 use glam::{Vec2, Vec3};
 
@@ -149,6 +149,21 @@ pub enum Material {
         /// The materials.
         nested: [Box<Material>; 2],
     },
+    /// A material under a dielectric layer.
+    Coated {
+        /// The layer's index over the outer one.
+        eta: f32,
+        /// Factor on what the layer's surface reflects.
+        specular: Color,
+        /// Absorption coefficient of the layer, per thickness.
+        absorption: Color,
+        /// Thickness of the layer.
+        thickness: f32,
+        /// The layer's surface, if that is rough.
+        rough: Option<Box<RoughCoating>>,
+        /// What is below.
+        nested: Box<Material>,
+    },
     /// A material whose normal is told by a texture, as (n + 1) / 2 in the shading frame.
     NormalMap {
         /// The texture.
@@ -223,6 +238,14 @@ impl Material {
                 let (first, second) = (first.bsdf(textures, site), second.bsdf(textures, site));
                 Bsdf::blend(first, second, weight.eval(textures, uv))
             }
+            Material::Coated { eta, specular, absorption, thickness, rough, nested } => {
+                nested.bsdf(textures, site).coated(Layer {
+                    eta: *eta,
+                    specular: color(specular),
+                    absorption: color(absorption) * *thickness,
+                    rough: rough.as_deref(),
+                })
+            }
             Material::NormalMap { normals, nested, rules } => {
                 let mut n = 2.0 * color(normals) - Vec3::ONE;
                 let [p_u, p_v] = site.partials;
@@ -262,6 +285,7 @@ impl Material {
                 return back.iter().fold(front.lobes(), |lobes, back| lobes.union(back.lobes()));
             }
             Material::Blend { nested: [first, second], .. } => return first.lobes().union(second.lobes()),
+            Material::Coated { rough, nested, .. } => (rough.is_some() || nested.lobes().smooth, true),
             Material::NormalMap { nested, .. } | Material::BumpMap { nested, .. } => return nested.lobes(),
             // Light goes straight through the holes.
             Material::Mask { nested, .. } => (nested.lobes().smooth, true),
@@ -280,7 +304,7 @@ impl Material {
             }
             Material::Blend { nested, .. } => nested.iter().any(|m| m.needs_tangent()),
             Material::NormalMap { .. } | Material::BumpMap { .. } => true,
-            Material::Mask { nested, .. } => nested.needs_tangent(),
+            Material::Coated { nested, .. } | Material::Mask { nested, .. } => nested.needs_tangent(),
             _ => false,
         }
     }
@@ -300,6 +324,7 @@ impl Material {
             | Material::RoughConductor { .. }
             | Material::Plastic { .. }
             | Material::RoughPlastic { .. }
+            | Material::Coated { .. }
             | Material::TwoSided { .. } => false,
         }
     }

@@ -22,6 +22,10 @@ fn tilted(bsdf: Bsdf<'static>, rules: Perturbation) -> Bsdf<'static> {
     bsdf.perturbed(Vec3::new(0.4, -0.2, 0.8).normalize(), Vec3::new(0.9, 0.3, 0.1), rules)
 }
 
+fn layer(rough: Option<&'static RoughCoating>) -> Layer<'static> {
+    Layer { eta: PLASTIC, specular: TINT_R, absorption: Rgb::new(0.0, 0.1, 0.5), rough }
+}
+
 pub(super) fn bsdfs() -> Vec<(&'static str, Bsdf<'static>)> {
     let plastic = Bsdf::plastic(Coating::new(PLASTIC), PAINT, Rgb::ONE, false);
     let blend = Bsdf::blend(rough_glass(), Bsdf::diffuse(PAINT).two_sided(), 0.3);
@@ -33,6 +37,9 @@ pub(super) fn bsdfs() -> Vec<(&'static str, Bsdf<'static>)> {
         ("tilted diffuse as in 0.6", tilted(Bsdf::diffuse(PAINT), RULES[1])),
         ("tilted metal", tilted(rough_metal(), RULES[2]).two_sided()),
         ("tilted glass", tilted(rough_glass(), RULES[3])),
+        ("coated diffuse", Bsdf::diffuse(PAINT).coated(layer(None))),
+        ("coated metal", rough_metal().coated(layer(None)).two_sided()),
+        ("roughly coated diffuse", Bsdf::diffuse(PAINT).coated(layer(Some(&COATINGS.beckmann)))),
         ("tilted glass and a mask", Bsdf::blend(tilted(rough_glass(), RULES[0]), Bsdf::null(), 0.2)),
     ]
 }
@@ -54,6 +61,36 @@ fn blends_are_sums() {
     }
     let both = Bsdf::blend(Bsdf::null(), Bsdf::diffuse(PAINT), 0.25);
     assert!(both.has_smooth() && both.has_delta() && both.transmits() && both.diffuse_only().is_none());
+}
+
+/// A layer without a surface of its own changes nothing; others take the same from light in both directions.
+#[test]
+fn layers() {
+    let nothing = Layer { eta: 1.0, specular: Rgb::ONE, absorption: Rgb::ZERO, rough: None };
+    let bare = rough_metal();
+    let coated = bare.clone().coated(nothing);
+    for (wo, wi) in directions().flat_map(|wo| directions().map(move |wi| (wo, wi))) {
+        let eval = |b: &Bsdf, wo, wi| b.eval(wo, wi, Mode::Radiance, Share::All);
+        assert!(
+            (eval(&coated, wo, wi) - eval(&bare, wo, wi)).abs().max_element()
+                < 1e-4 * (1.0 + eval(&bare, wo, wi).max_element())
+        );
+        for rough in [None, Some(&COATINGS.ggx)] {
+            let both = Bsdf::diffuse(PAINT).coated(layer(rough));
+            let (there, back) = (eval(&both, wo, wi) * wo.z.abs(), eval(&both, wi, wo) * wi.z.abs());
+            assert!((there - back).abs().max_element() <= 1e-4 * there.max_element(), "{wo} {wi}");
+        }
+    }
+    for (_, bsdf) in bsdfs().into_iter().filter(|(name, _)| name.contains("coated")) {
+        for wo in directions() {
+            let weight = |i| {
+                let (u_lobe, u, _) = random(22, i);
+                bsdf.sample(wo, u_lobe, u, Mode::Flux).map_or(Rgb::ZERO, |s| s.weight)
+            };
+            let sum: Rgb = (0..4096).map(weight).sum();
+            assert!(sum.max_element() < 4096.0 * 1.01, "{wo}: {}", sum / 4096.0);
+        }
+    }
 }
 
 /// A normal that is not perturbed changes nothing, but for rounding.

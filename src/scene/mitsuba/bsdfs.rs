@@ -88,12 +88,7 @@ impl<'a> Loader<'a> {
                 let diffuse = color("diffuse_reflectance", 0.5)?;
                 let specular = color("specular_reflectance", 1.0)?;
                 let eta = relative_ior(props, "polypropylene")?;
-                let alpha = props.float("alpha", 0.1)?;
-                if !(alpha > 0.0 && alpha.is_finite()) {
-                    return Err(props.error_at("alpha", format!("'alpha' is {alpha}, but must be positive")));
-                }
-                props.boolean("sample_visible", true)?;
-                let coating = Box::new(RoughCoating::new(eta, alpha, distribution(props)?));
+                let coating = rough_coating(props, eta)?;
                 Material::RoughPlastic {
                     coating,
                     diffuse,
@@ -111,6 +106,21 @@ impl<'a> Loader<'a> {
                     Ok(nested) => Material::Blend { weight, nested: nested.map(Box::new) },
                     Err(_) => return Err(props.error("a blendbsdf needs two bsdfs inside")),
                 }
+            }
+            "coating" | "roughcoating" if props.object.old => {
+                let specular = color("specular_reflectance", 1.0)?;
+                let absorption = self.color(props, "sigma_a", Role::Unbounded, Rgb::ZERO)?;
+                let thickness = props.float("thickness", 1.0)?;
+                let eta = relative_ior(props, "bk7")?;
+                let rough = match props.plugin() {
+                    "coating" => None,
+                    _ => Some(rough_coating(props, eta)?),
+                };
+                let nested = self.only_nested_bsdf(props)?;
+                if nested.transmits() {
+                    return Err(props.error("what transmits light cannot be coated"));
+                }
+                Material::Coated { eta, specular, absorption, thickness, rough, nested }
             }
             "mixturebsdf" if props.object.old => self.mixture(props)?,
             "normalmap" => {
@@ -274,6 +284,16 @@ impl<'a> Loader<'a> {
         };
         Ok(Roughness { distribution: distribution(props)?, alpha_u, alpha_v })
     }
+}
+
+/// The rough surface of a layer, whose roughness is the same everywhere: it has tables.
+fn rough_coating(props: Props, eta: f32) -> Result<Box<RoughCoating>> {
+    let alpha = props.float("alpha", 0.1)?;
+    if !(alpha > 0.0 && alpha.is_finite()) {
+        return Err(props.error_at("alpha", format!("'alpha' is {alpha}, but must be positive")));
+    }
+    props.boolean("sample_visible", true)?;
+    Ok(Box::new(RoughCoating::new(eta, alpha, distribution(props)?)))
 }
 
 /// How perturbed normals are used: Mitsuba 0.6 had neither rule.
