@@ -36,6 +36,8 @@ pub struct Site {
     pub from_front: bool,
     /// ∂p/∂u and ∂p/∂v in the local frame; of no meaning unless [`Material::needs_tangent`].
     pub partials: [Vec3; 2],
+    /// Whether a mesh's texture coordinates are mirrored there; likewise.
+    pub mirrored: bool,
 }
 
 /// What kinds of lobes a material has, whatever its textures say.
@@ -248,9 +250,8 @@ impl Material {
             }
             Material::NormalMap { normals, nested, rules } => {
                 let mut n = 2.0 * color(normals) - Vec3::ONE;
-                let [p_u, p_v] = site.partials;
-                if p_u.cross(p_v).z < 0.0 {
-                    n.y = -n.y; // the texture is mirrored, and the frame is right-handed
+                if site.mirrored {
+                    n.y = -n.y; // the frame is right-handed
                 }
                 nested.bsdf(textures, site).perturbed(n.try_normalize().unwrap_or(Vec3::Z), Vec3::X, *rules)
             }

@@ -22,7 +22,7 @@ use crate::camera::Camera;
 use crate::film::FilmSettings;
 use crate::light::{Light, Lights, Targets};
 use crate::math::{Frame, Ray, Rgb, offset_origin};
-use crate::shape::{Bounds, Facet, Facets, Geometry, Hit};
+use crate::shape::{Bounds, Facet, Facets, Geometry, Hit, Shape};
 use crate::texture::Texture;
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
@@ -208,7 +208,11 @@ impl Scene {
         } else {
             (Frame::from_normal(point.n_s), [Vec3::ZERO; 2])
         };
-        let site = Site { uv: point.uv, from_front: ray.d.dot(point.n_s) <= 0.0, partials };
+        let from_front = ray.d.dot(point.n_s) <= 0.0;
+        // As in Mitsuba 3.9, which takes all other shapes for right-handed.
+        let mirrored = partials[0].cross(partials[1]).z < 0.0
+            && matches!(shape, Shape::Mesh(mesh) if !mesh.uvs.is_empty());
+        let site = Site { uv: point.uv, from_front, partials, mirrored };
         Surface {
             p: point.p,
             n_g: point.n_g,

@@ -420,7 +420,7 @@ fn sensors_and_whole_files_are_checked() {
     for (text, word) in [
         ("<scene version='3.0.0'>", "XML"),
         ("<scene><sensor type='perspective'/></scene>", "version"),
-        ("<scene version='0.3.0'/>", "0.6.0"),
+        ("<scene version='0.3.0'/>", "0.3.0"),
         ("<scene version='x'/>", "'x'"),
         ("<bsdf version='3.0.0' type='diffuse'/>", "<bsdf>"),
         ("<scene version='3.0.0'><shape type='sphere'/></scene>", "<sensor>"),
