@@ -5,6 +5,7 @@
 //! roughness: that is how the light transport is split without a threshold; see [`Share`].
 
 mod blend;
+mod clearcoat;
 mod coated;
 mod conductor;
 mod dielectric;
@@ -13,6 +14,7 @@ pub mod fresnel;
 mod microfacet;
 mod perturbed;
 mod plastic;
+mod principled;
 #[cfg(test)]
 mod tests;
 
@@ -20,6 +22,7 @@ pub use coated::Layer;
 pub use microfacet::{Distribution, Microfacet};
 pub use perturbed::Perturbation;
 pub use plastic::{Coating, RoughCoating};
+pub use principled::PrincipledParams;
 
 use crate::math::Rgb;
 use blend::Blend;
@@ -30,6 +33,7 @@ use diffuse::Diffuse;
 use glam::{Vec2, Vec3};
 use perturbed::Perturbed;
 use plastic::{Paint, Plastic, RoughPlastic};
+use principled::Principled;
 use std::f32::consts::FRAC_1_PI;
 
 /// Roughness α where a lobe begins to count as broad to the eye, and where it is wholly so.
@@ -136,6 +140,7 @@ enum Kind<'a> {
     RoughDielectric(RoughDielectric),
     Plastic(Plastic),
     RoughPlastic(RoughPlastic<'a>),
+    Principled(Principled),
     Blend(Box<Blend<'a>>),
     Coated(Box<Coated<'a>>),
     Perturbed(Box<Perturbed<'a>>),
@@ -211,6 +216,11 @@ impl<'a> Bsdf<'a> {
     /// plane of `n` and `s`.
     pub fn perturbed(self, n: Vec3, s: Vec3, rules: Perturbation) -> Self {
         Bsdf::new(Kind::Perturbed(Box::new(Perturbed { n, s, rules, nested: self })))
+    }
+
+    /// Burley's blend of paint, metal and glass under a clear coat (`principled`).
+    pub fn principled(params: &PrincipledParams) -> Self {
+        Bsdf::new(Kind::Principled(Principled::new(params)))
     }
 
     /// The same with holes (`mask`): light goes straight through with probability 1 − `opacity`.
@@ -296,14 +306,15 @@ impl<'a> Bsdf<'a> {
     pub fn has_delta(&self) -> bool {
         self.opacity < 1.0
             || match &self.kind {
-                Kind::Diffuse(_)
-                | Kind::RoughConductor(_)
-                | Kind::RoughDielectric(_)
-                | Kind::RoughPlastic(_) => false,
+                Kind::Null
+                | Kind::Conductor(_)
+                | Kind::Dielectric(_)
+                | Kind::ThinDielectric(_)
+                | Kind::Plastic(_) => true,
                 Kind::Blend(b) => b.any(Bsdf::has_delta),
                 Kind::Coated(b) => b.layer.rough.is_none() || b.nested.has_delta(),
                 Kind::Perturbed(b) => b.nested.has_delta(),
-                _ => true,
+                _ => false,
             }
     }
 
@@ -321,8 +332,8 @@ impl<'a> Bsdf<'a> {
             }
     }
 
-    /// Roughness √(α_u α_v) of the only microfacet lobe, if there is one; less where its facets hardly bend what they
-    /// transmit.
+    /// Roughness √(α_u α_v) of the microfacet lobe, if there is one, and of the narrowest of several unless they are those
+    /// of a blend; less where its facets hardly bend what they transmit.
     pub fn roughness(&self) -> Option<f32> {
         self.kind.roughness()
     }
@@ -364,6 +375,7 @@ impl<'a> Bsdf<'a> {
             Kind::RoughDielectric(b) => b.interface.albedo(1),
             Kind::Plastic(b) => b.albedo(),
             Kind::RoughPlastic(b) => b.albedo(),
+            Kind::Principled(b) => b.albedo(),
             Kind::Blend(b) => b.albedo(),
             Kind::Coated(b) => b.albedo(),
             Kind::Perturbed(b) => b.nested.albedo(),
@@ -393,6 +405,7 @@ impl Kind<'_> {
             },
             Kind::Plastic(b) => b.eval(wo, wi),
             Kind::RoughPlastic(b) => b.eval(wo, wi, part(b.roughness())),
+            Kind::Principled(b) => b.eval(wo, wi, mode, share),
             Kind::Blend(b) => b.eval(wo, wi, mode, share),
             Kind::Coated(b) => b.eval(wo, wi, mode, share),
             Kind::Perturbed(b) => b.eval(wo, wi, mode, share),
@@ -407,6 +420,7 @@ impl Kind<'_> {
             Kind::RoughDielectric(b) => b.pdf_w(wo, wi),
             Kind::Plastic(b) => b.pdf_w(wo, wi),
             Kind::RoughPlastic(b) => b.pdf_w(wo, wi),
+            Kind::Principled(b) => b.pdf_w(wo, wi),
             Kind::Blend(b) => b.pdf_w(wo, wi, mode),
             Kind::Coated(b) => b.pdf_w(wo, wi, mode),
             Kind::Perturbed(b) => b.pdf_w(wo, wi, mode),
@@ -424,6 +438,7 @@ impl Kind<'_> {
             Kind::RoughDielectric(b) => b.sample(wo, u_lobe, u, mode),
             Kind::Plastic(b) => b.sample(wo, u_lobe, u),
             Kind::RoughPlastic(b) => b.sample(wo, u_lobe, u),
+            Kind::Principled(b) => b.sample(wo, u_lobe, u, mode),
             Kind::Blend(b) => b.sample(wo, u_lobe, u, mode),
             Kind::Coated(b) => b.sample(wo, u_lobe, u, mode),
             Kind::Perturbed(b) => b.sample(wo, u_lobe, u, mode),
@@ -435,6 +450,7 @@ impl Kind<'_> {
             Kind::RoughConductor(b) => Some(b.microfacet.roughness()),
             Kind::RoughDielectric(b) => Some(b.roughness()),
             Kind::RoughPlastic(b) => Some(b.roughness()),
+            Kind::Principled(b) => Some(b.roughness()),
             _ => None,
         }
     }
@@ -442,6 +458,7 @@ impl Kind<'_> {
     fn transmits(&self) -> bool {
         match self {
             Kind::Null | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) => true,
+            Kind::Principled(b) => b.transmits(),
             Kind::Blend(b) => b.any(Bsdf::transmits),
             Kind::Perturbed(b) => b.nested.transmits(),
             _ => false,

@@ -1,6 +1,8 @@
 //! Materials: scattering functions with textures still to be looked up.
 
-use crate::bsdf::{Bsdf, Coating, Distribution, Layer, Microfacet, Perturbation, RoughCoating};
+use crate::bsdf::{
+    Bsdf, Coating, Distribution, Layer, Microfacet, Perturbation, PrincipledParams, RoughCoating,
+};
 use crate::texture::{Color, Scalar, Texture};
 use glam::{Vec2, Vec3};
 
@@ -135,6 +137,8 @@ pub enum Material {
         /// Whether the base colours light at every internal reflection.
         nonlinear: bool,
     },
+    /// Burley's blend of paint, metal and glass under a clear coat.
+    Principled(Box<PrincipledParams<Color, Scalar>>),
     /// One material, or one for each side, seen from its front.
     TwoSided {
         /// On the side of the shading normal.
@@ -198,6 +202,7 @@ impl Material {
     pub fn bsdf<'a>(&'a self, textures: &'a [Texture], site: &Site) -> Bsdf<'a> {
         let uv = site.uv;
         let color = |c: &Color| c.eval(textures, uv);
+        let scalar = |s: &Scalar| s.eval(textures, uv);
         match self {
             Material::Null => Bsdf::null(),
             Material::Diffuse { reflectance } => Bsdf::diffuse(color(reflectance)),
@@ -227,6 +232,7 @@ impl Material {
             Material::RoughPlastic { coating, diffuse, specular, nonlinear } => {
                 Bsdf::rough_plastic(coating, color(diffuse), color(specular), *nonlinear)
             }
+            Material::Principled(params) => Bsdf::principled(&params.map(color, scalar)),
             Material::TwoSided { front, back } => {
                 let shown = match back {
                     Some(back) if !site.from_front => back,
@@ -280,7 +286,8 @@ impl Material {
             Material::RoughConductor { .. }
             | Material::RoughDielectric { .. }
             | Material::Plastic { .. }
-            | Material::RoughPlastic { .. } => (true, true),
+            | Material::RoughPlastic { .. }
+            | Material::Principled(_) => (true, true),
             Material::TwoSided { front, back } => {
                 return back.iter().fold(front.lobes(), |lobes, back| lobes.union(back.lobes()));
             }
@@ -305,6 +312,7 @@ impl Material {
             Material::Blend { nested, .. } => nested.iter().any(|m| m.needs_tangent()),
             Material::NormalMap { .. } | Material::BumpMap { .. } => true,
             Material::Coated { nested, .. } | Material::Mask { nested, .. } => nested.needs_tangent(),
+            Material::Principled(params) => !is_zero(&params.anisotropic),
             _ => false,
         }
     }
@@ -326,6 +334,11 @@ impl Material {
             | Material::RoughPlastic { .. }
             | Material::Coated { .. }
             | Material::TwoSided { .. } => false,
+            Material::Principled(params) => !is_zero(&params.spec_trans),
         }
     }
+}
+
+fn is_zero(scalar: &Scalar) -> bool {
+    *scalar == Scalar::Constant(0.0)
 }

@@ -43,7 +43,7 @@ fn bsdfs() -> Vec<(&'static str, Bsdf<'static>)> {
     let mirror = |m| Bsdf::rough_conductor(Rgb::ZERO, Rgb::ONE, m, Rgb::ONE);
     let metal = |m, tint| Bsdf::rough_conductor(METAL_ETA, METAL_K, m, tint);
     let glass = |eta, m| Bsdf::rough_dielectric(eta, m, Rgb::ONE, Rgb::ONE);
-    vec![
+    let mut bsdfs = vec![
         ("null", Bsdf::null()),
         ("diffuse", diffuse.clone()),
         ("two_sided_diffuse", diffuse.clone().two_sided()),
@@ -69,8 +69,89 @@ fn bsdfs() -> Vec<(&'static str, Bsdf<'static>)> {
         ("rough_plastic", Bsdf::rough_plastic(&COATINGS.beckmann, PAINT, Rgb::ONE, false)),
         ("rough_plastic_nonlinear", Bsdf::rough_plastic(&COATINGS.ggx, PAINT, TINT_R, true)),
         ("rough_plastic_very_rough", Bsdf::rough_plastic(&COATINGS.rough, PAINT, TINT_R, true).two_sided()),
+    ];
+    bsdfs.extend(principleds());
+    bsdfs
+}
+
+/// Mitsuba's defaults.
+const PRINCIPLED: PrincipledParams = PrincipledParams {
+    base_color: PAINT,
+    roughness: 0.5,
+    anisotropic: 0.0,
+    metallic: 0.0,
+    spec_trans: 0.0,
+    eta: 1.5,
+    spec_tint: 0.0,
+    sheen: 0.0,
+    sheen_tint: 0.0,
+    flatness: 0.0,
+    clearcoat: 0.0,
+    clearcoat_gloss: 0.0,
+    diffuse_rate: 1.0,
+    specular_rate: 1.0,
+    clearcoat_rate: 1.0,
+};
+
+fn principleds() -> Vec<(&'static str, Bsdf<'static>)> {
+    let p = PRINCIPLED;
+    let glass = PrincipledParams { base_color: TINT_T, spec_trans: 1.0, ..p };
+    let coat = PrincipledParams { roughness: 0.8, clearcoat: 1.0, clearcoat_gloss: 0.5, ..p };
+    let all = PrincipledParams {
+        roughness: 0.6,
+        anisotropic: 0.5,
+        metallic: 0.3,
+        spec_trans: 0.4,
+        eta: 1.4,
+        spec_tint: 0.6,
+        sheen: 0.3,
+        sheen_tint: 0.7,
+        flatness: 0.6,
+        clearcoat: 0.7,
+        clearcoat_gloss: 0.2,
+        diffuse_rate: 0.7,
+        specular_rate: 1.3,
+        clearcoat_rate: 0.9,
+        ..p
+    };
+    let metal = PrincipledParams { base_color: TINT_R, metallic: 1.0, roughness: 0.4, anisotropic: 0.6, ..p };
+    let inverse = PrincipledParams {
+        base_color: TINT_T,
+        roughness: 0.7,
+        metallic: 0.2,
+        spec_trans: 0.5,
+        eta: 0.7,
+        spec_tint: 0.5,
+        clearcoat: 0.5,
+        ..p
+    };
+    // 0.3 of 8 % at normal incidence.
+    let eta = 2.0 / (1.0 - 0.024f32.sqrt()) - 1.0;
+    vec![
+        ("principled", Bsdf::principled(&p)),
+        ("principled_metal", Bsdf::principled(&metal)),
+        ("principled_rough_glass", Bsdf::principled(&glass)),
+        (
+            "principled_smooth_glass",
+            Bsdf::principled(&PrincipledParams { roughness: 0.2, eta: 1.33, spec_trans: 0.9, ..glass }),
+        ),
+        ("principled_coat", Bsdf::principled(&PrincipledParams { eta, sheen: 1.0, sheen_tint: 0.5, ..coat })),
+        ("principled_all", Bsdf::principled(&all)),
+        ("principled_inverse", Bsdf::principled(&inverse)),
+        ("principled_two_sided", Bsdf::principled(&metal).two_sided()),
+        // What Mitsuba's defaults for sampling would hardly find.
+        ("principled_glass_sheen", Bsdf::principled(&PrincipledParams { sheen: 1.0, ..glass })),
     ]
 }
+
+/// Whether a name has any of some words in it.
+fn is_any(name: &str, words: &[&str]) -> bool {
+    words.iter().any(|word| name.contains(word))
+}
+
+/// Models that refract or otherwise let light through non-delta lobes.
+const TRANSMITTING: [&str; 5] =
+    ["rough_dielectric", "_glass", "principled_all", "principled_inverse", "thin_all"];
 
 /// From steep to grazing, on both sides; oblique to the axes because of anisotropy.
 fn directions() -> impl Iterator<Item = Vec3> {
@@ -133,7 +214,9 @@ fn no_more_light_leaves_than_arrives() {
             }
             let albedo = (sum / N as f32).max_element();
             // Beckmann's shadowing is a fit, within 0.35 %; stratified samples are far better than that.
-            assert!(albedo <= 1.005, "{name} {wo}: {albedo}");
+            // Burley's coats take nothing from the base below them, which shows where they reflect much.
+            let limit = if name == "principled_inverse" { 1.07 } else { 1.005 };
+            assert!(albedo <= limit, "{name} {wo}: {albedo}");
             assert!(bsdf.scatters_on(wo) || bsdf.transmits() || albedo == 0.0, "{name} {wo}: {albedo}");
         }
     }
@@ -182,7 +265,7 @@ fn light_takes_the_same_way_back() {
                 }
             }
         }
-        assert_eq!(crossed > 0, name.contains("rough_dielectric"), "{name}");
+        assert_eq!(crossed > 0, is_any(name, &TRANSMITTING), "{name}");
     }
 }
 
@@ -242,6 +325,14 @@ fn extremes_stay_finite() {
     for coating in &coatings {
         bsdfs.push(Bsdf::rough_plastic(coating, Rgb::ONE, Rgb::ONE, true));
         bsdfs.push(Bsdf::rough_plastic(coating, Rgb::ZERO, Rgb::ZERO, false));
+    }
+    for (x, eta) in [(0.0, 1.0), (0.0, 1.5), (1.0, 1.0), (1.0, 0.5), (-1.0, 1.5), (9.0, 1.5), (f32::NAN, 1.5)]
+    {
+        let p = PrincipledParams { eta, ..PRINCIPLED.map(|_| Rgb::splat(x), |_| x) };
+        let glass = PrincipledParams { metallic: 0.0, spec_trans: 1.0, ..p };
+        let paint = PrincipledParams { metallic: 0.0, spec_trans: 0.0, ..p };
+        let unsampled = PrincipledParams { diffuse_rate: 0.0, specular_rate: 0.0, clearcoat_rate: 0.0, ..p };
+        bsdfs.extend([p, glass, paint, unsampled].map(|p| Bsdf::principled(&p)));
     }
     bsdfs.push(Bsdf::plastic(Coating::new(1.5), Rgb::ZERO, Rgb::ZERO, false));
     bsdfs.push(Bsdf::plastic(Coating::new(1.0), Rgb::ONE, Rgb::ONE, true));
@@ -305,7 +396,7 @@ fn broad_and_sharp_shares_sum_up() {
                 ] {
                     let (broad, sharp) = (part(share), alpha.unwrap_or(0.0));
                     assert!((all - broad).min_element() >= -1e-6 * all.max_element(), "{name}");
-                    if !name.contains("plastic") {
+                    if !is_any(name, &["plastic", "principled"]) {
                         // Only microfacet lobes: in proportion.
                         assert!((broad - all * (1.0 - sharp)).length() <= 1e-5 * all.length(), "{name}");
                     }
@@ -376,7 +467,7 @@ fn two_sided_mirrors() {
 #[test]
 fn predicates() {
     for (name, bsdf) in bsdfs() {
-        let rough = name.contains("rough");
+        let rough = is_any(name, &["rough", "principled"]);
         let diffuse = name.contains("diffuse");
         assert_eq!(bsdf.has_smooth(), rough || diffuse || name.contains("plastic"), "{name}");
         assert_eq!(bsdf.has_delta(), !(rough || diffuse) || name.contains("masked"), "{name}");

@@ -4,7 +4,7 @@ use super::Loader;
 use super::props::Props;
 use super::xml::{Property, Value, tokens};
 use crate::Result;
-use crate::bsdf::{Coating, Distribution, Perturbation, RoughCoating};
+use crate::bsdf::{Coating, Distribution, Perturbation, PrincipledParams, RoughCoating};
 use crate::math::Rgb;
 use crate::scene::ior;
 use crate::scene::material::{Material, Roughness};
@@ -12,7 +12,7 @@ use crate::scene::spectrum::Role;
 use crate::texture::{Color, Scalar};
 
 const KNOWN: &str = "diffuse, dielectric, thindielectric, roughdielectric, conductor, roughconductor, plastic, \
-                     roughplastic, blendbsdf, normalmap, bumpmap, twosided, mask, null";
+                     roughplastic, principled, blendbsdf, normalmap, bumpmap, twosided, mask, null";
 
 impl<'a> Loader<'a> {
     /// The index of the material that a `<bsdf>` stands for.
@@ -96,6 +96,7 @@ impl<'a> Loader<'a> {
                     nonlinear: props.boolean("nonlinear", false)?,
                 }
             }
+            "principled" => Material::Principled(Box::new(self.principled(props)?)),
             "twosided" => self.two_sided(props)?,
             "blendbsdf" => {
                 if !props.has("weight") {
@@ -141,6 +142,39 @@ impl<'a> Loader<'a> {
         };
         props.finish()?;
         Ok(material)
+    }
+
+    fn principled(&mut self, props: Props<'a>) -> Result<PrincipledParams<Color, Scalar>> {
+        let mut unit = |name| self.scalar_up_to(props, name, 0.0, 1.0);
+        let spec_trans = unit("spec_trans")?;
+        Ok(PrincipledParams {
+            anisotropic: unit("anisotropic")?,
+            metallic: unit("metallic")?,
+            spec_tint: unit("spec_tint")?,
+            sheen_tint: unit("sheen_tint")?,
+            flatness: unit("flatness")?,
+            clearcoat_gloss: unit("clearcoat_gloss")?,
+            eta: principled_ior(props, spec_trans != Scalar::Constant(0.0))?,
+            spec_trans,
+            base_color: self.color(props, "base_color", Role::Reflectance, Rgb::splat(0.5))?,
+            roughness: self.scalar(props, "roughness", 0.5)?,
+            sheen: self.scalar(props, "sheen", 0.0)?,
+            clearcoat: self.scalar(props, "clearcoat", 0.0)?,
+            diffuse_rate: sampling_rate(props, "diffuse_reflectance_sampling_rate")?,
+            specular_rate: sampling_rate(props, "main_specular_sampling_rate")?,
+            clearcoat_rate: sampling_rate(props, "clearcoat_sampling_rate")?,
+        })
+    }
+
+    /// A number that may be textured; not negative, and at most `most` if it is none.
+    fn scalar_up_to(&mut self, props: Props<'a>, name: &str, default: f32, most: f32) -> Result<Scalar> {
+        match self.scalar(props, name, default)? {
+            // For rounding in luminances.
+            Scalar::Constant(x) if x > 1.0001 * most => {
+                Err(props.error_at(name, format!("'{name}' is {x}, but must lie in 0..{most}")))
+            }
+            scalar => Ok(scalar),
+        }
     }
 
     fn two_sided(&mut self, props: Props<'a>) -> Result<Material> {
@@ -314,6 +348,39 @@ fn distribution(props: Props) -> Result<Distribution> {
         return Ok(Distribution::Beckmann);
     }
     props.choice("distribution", Distribution::Beckmann, &choices)
+}
+
+/// Interior over exterior index of a principled: given, or by the reflectance at normal incidence. Mitsuba takes what
+/// transmits but does not refract for a mistake.
+fn principled_ior(props: Props, transmits: bool) -> Result<f32> {
+    if props.has("eta") && props.has("specular") {
+        return Err(props.error_at("specular", "give either 'eta' or 'specular', not both"));
+    }
+    if let Some(eta) = props.opt_float("eta")? {
+        if !(eta > 0.0 && eta.is_finite()) {
+            return Err(props.error_at("eta", format!("'eta' is {eta}, but must be positive")));
+        }
+        return Ok(if transmits && eta == 1.0 { 1.001 } else { eta });
+    }
+    let specular = props.float("specular", 0.5)?;
+    if !(0.0..12.5).contains(&specular) {
+        return Err(props.error_at(
+            "specular",
+            format!("'specular' is {specular}, but must be at least 0 and below 12.5"),
+        ));
+    }
+    let specular = if transmits && specular == 0.0 { 1e-3 } else { specular };
+    // Burley 2015, §3: 8 % at most.
+    Ok(2.0 / (1.0 - (0.08 * specular).sqrt()) - 1.0)
+}
+
+/// Weight of a lobe among what is sampled.
+fn sampling_rate(props: Props, name: &str) -> Result<f32> {
+    let rate = props.float(name, 1.0)?;
+    if rate >= 0.0 && rate.is_finite() {
+        return Ok(rate);
+    }
+    Err(props.error_at(name, format!("'{name}' is {rate}, but must not be negative")))
 }
 
 /// Interior over exterior index; either may be a number or a name.

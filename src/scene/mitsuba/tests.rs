@@ -222,6 +222,19 @@ fn materials() {
     assert_eq!((roughness.alpha_u, roughness.alpha_v), (Scalar::Constant(0.1), Scalar::Constant(0.3)));
     assert!(material("<bsdf type='roughplastic'><float name='alpha' value='.2'/></bsdf>").lobes().smooth);
     assert!(matches!(material("<bsdf type='plastic'/>"), Material::Plastic { nonlinear: false, .. }));
+    let principled = |inside: &str| material(&format!("<bsdf type='principled'>{inside}</bsdf>"));
+    let Material::Principled(p) = principled("<float name='metallic' value='.3'/>") else { panic!() };
+    assert_eq!((p.metallic, p.roughness), (Scalar::Constant(0.3), Scalar::Constant(0.5)));
+    // Half of 8 % at normal incidence.
+    assert!((p.eta - 1.5).abs() < 1e-6);
+    assert!(!principled("<float name='spec_trans' value='0'/>").transmits());
+    let glass = principled("<float name='spec_trans' value='1'/><float name='eta' value='1'/>");
+    assert!(glass.transmits() && matches!(glass, Material::Principled(p) if p.eta == 1.001));
+    let both = "<float name='eta' value='1.5'/><float name='specular' value='.5'/>";
+    for wrong in [both, "<float name='metallic' value='2'/>", "<float name='specular' value='13'/>"] {
+        let shape = format!("<shape type='cube'><bsdf type='principled'>{wrong}</bsdf></shape>");
+        assert!(load_body(&shape).is_err(), "{wrong}");
+    }
     assert!(matches!(material("<bsdf type='null'/>"), Material::Null));
     let masked = "<bsdf type='mask'><float name='opacity' value='.2'/><bsdf type='twosided'><bsdf type='diffuse'/>\
                   <bsdf type='conductor'/></bsdf></bsdf>";
