@@ -15,6 +15,7 @@ mod microfacet;
 mod perturbed;
 mod plastic;
 mod principled;
+mod principled_thin;
 #[cfg(test)]
 mod tests;
 
@@ -23,6 +24,7 @@ pub use microfacet::{Distribution, Microfacet};
 pub use perturbed::Perturbation;
 pub use plastic::{Coating, RoughCoating};
 pub use principled::PrincipledParams;
+pub use principled_thin::PrincipledThinParams;
 
 use crate::math::Rgb;
 use blend::Blend;
@@ -34,6 +36,7 @@ use glam::{Vec2, Vec3};
 use perturbed::Perturbed;
 use plastic::{Paint, Plastic, RoughPlastic};
 use principled::Principled;
+use principled_thin::PrincipledThin;
 use std::f32::consts::FRAC_1_PI;
 
 /// Roughness α where a lobe begins to count as broad to the eye, and where it is wholly so.
@@ -141,6 +144,7 @@ enum Kind<'a> {
     Plastic(Plastic),
     RoughPlastic(RoughPlastic<'a>),
     Principled(Principled),
+    PrincipledThin(PrincipledThin),
     Blend(Box<Blend<'a>>),
     Coated(Box<Coated<'a>>),
     Perturbed(Box<Perturbed<'a>>),
@@ -221,6 +225,11 @@ impl<'a> Bsdf<'a> {
     /// Burley's blend of paint, metal and glass under a clear coat (`principled`).
     pub fn principled(params: &PrincipledParams) -> Self {
         Bsdf::new(Kind::Principled(Principled::new(params)))
+    }
+
+    /// Burley's thin sheet of paint or glass (`principledthin`).
+    pub fn principled_thin(params: &PrincipledThinParams) -> Self {
+        Bsdf::new(Kind::PrincipledThin(PrincipledThin::new(params)))
     }
 
     /// The same with holes (`mask`): light goes straight through with probability 1 − `opacity`.
@@ -376,6 +385,7 @@ impl<'a> Bsdf<'a> {
             Kind::Plastic(b) => b.albedo(),
             Kind::RoughPlastic(b) => b.albedo(),
             Kind::Principled(b) => b.albedo(),
+            Kind::PrincipledThin(b) => b.albedo(),
             Kind::Blend(b) => b.albedo(),
             Kind::Coated(b) => b.albedo(),
             Kind::Perturbed(b) => b.nested.albedo(),
@@ -406,6 +416,7 @@ impl Kind<'_> {
             Kind::Plastic(b) => b.eval(wo, wi),
             Kind::RoughPlastic(b) => b.eval(wo, wi, part(b.roughness())),
             Kind::Principled(b) => b.eval(wo, wi, mode, share),
+            Kind::PrincipledThin(b) => b.eval(wo, wi, mode, share),
             Kind::Blend(b) => b.eval(wo, wi, mode, share),
             Kind::Coated(b) => b.eval(wo, wi, mode, share),
             Kind::Perturbed(b) => b.eval(wo, wi, mode, share),
@@ -421,6 +432,7 @@ impl Kind<'_> {
             Kind::Plastic(b) => b.pdf_w(wo, wi),
             Kind::RoughPlastic(b) => b.pdf_w(wo, wi),
             Kind::Principled(b) => b.pdf_w(wo, wi),
+            Kind::PrincipledThin(b) => b.pdf_w(wo, wi, mode),
             Kind::Blend(b) => b.pdf_w(wo, wi, mode),
             Kind::Coated(b) => b.pdf_w(wo, wi, mode),
             Kind::Perturbed(b) => b.pdf_w(wo, wi, mode),
@@ -439,6 +451,7 @@ impl Kind<'_> {
             Kind::Plastic(b) => b.sample(wo, u_lobe, u),
             Kind::RoughPlastic(b) => b.sample(wo, u_lobe, u),
             Kind::Principled(b) => b.sample(wo, u_lobe, u, mode),
+            Kind::PrincipledThin(b) => b.sample(wo, u_lobe, u, mode),
             Kind::Blend(b) => b.sample(wo, u_lobe, u, mode),
             Kind::Coated(b) => b.sample(wo, u_lobe, u, mode),
             Kind::Perturbed(b) => b.sample(wo, u_lobe, u, mode),
@@ -451,13 +464,18 @@ impl Kind<'_> {
             Kind::RoughDielectric(b) => Some(b.roughness()),
             Kind::RoughPlastic(b) => Some(b.roughness()),
             Kind::Principled(b) => Some(b.roughness()),
+            Kind::PrincipledThin(b) => b.roughness(),
             _ => None,
         }
     }
 
     fn transmits(&self) -> bool {
         match self {
-            Kind::Null | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) => true,
+            Kind::Null
+            | Kind::Dielectric(_)
+            | Kind::ThinDielectric(_)
+            | Kind::RoughDielectric(_)
+            | Kind::PrincipledThin(_) => true,
             Kind::Principled(b) => b.transmits(),
             Kind::Blend(b) => b.any(Bsdf::transmits),
             Kind::Perturbed(b) => b.nested.transmits(),

@@ -1,7 +1,8 @@
 //! Materials: scattering functions with textures still to be looked up.
 
 use crate::bsdf::{
-    Bsdf, Coating, Distribution, Layer, Microfacet, Perturbation, PrincipledParams, RoughCoating,
+    Bsdf, Coating, Distribution, Layer, Microfacet, Perturbation, PrincipledParams, PrincipledThinParams,
+    RoughCoating,
 };
 use crate::texture::{Color, Scalar, Texture};
 use glam::{Vec2, Vec3};
@@ -139,6 +140,8 @@ pub enum Material {
     },
     /// Burley's blend of paint, metal and glass under a clear coat.
     Principled(Box<PrincipledParams<Color, Scalar>>),
+    /// Burley's thin sheet of paint or glass.
+    PrincipledThin(Box<PrincipledThinParams<Color, Scalar>>),
     /// One material, or one for each side, seen from its front.
     TwoSided {
         /// On the side of the shading normal.
@@ -233,6 +236,7 @@ impl Material {
                 Bsdf::rough_plastic(coating, color(diffuse), color(specular), *nonlinear)
             }
             Material::Principled(params) => Bsdf::principled(&params.map(color, scalar)),
+            Material::PrincipledThin(params) => Bsdf::principled_thin(&params.map(color, scalar)),
             Material::TwoSided { front, back } => {
                 let shown = match back {
                     Some(back) if !site.from_front => back,
@@ -283,6 +287,7 @@ impl Material {
             | Material::Dielectric { .. }
             | Material::ThinDielectric { .. } => (false, true),
             Material::Diffuse { .. } => (true, false),
+            Material::PrincipledThin(params) => (true, !is_zero(&params.spec_trans)),
             Material::RoughConductor { .. }
             | Material::RoughDielectric { .. }
             | Material::Plastic { .. }
@@ -313,6 +318,7 @@ impl Material {
             Material::NormalMap { .. } | Material::BumpMap { .. } => true,
             Material::Coated { nested, .. } | Material::Mask { nested, .. } => nested.needs_tangent(),
             Material::Principled(params) => !is_zero(&params.anisotropic),
+            Material::PrincipledThin(params) => !is_zero(&params.anisotropic),
             _ => false,
         }
     }
@@ -324,6 +330,7 @@ impl Material {
             | Material::Dielectric { .. }
             | Material::ThinDielectric { .. }
             | Material::RoughDielectric { .. }
+            | Material::PrincipledThin(_)
             | Material::Mask { .. } => true,
             Material::Blend { nested, .. } => nested.iter().any(|m| m.transmits()),
             Material::NormalMap { nested, .. } | Material::BumpMap { nested, .. } => nested.transmits(),

@@ -71,6 +71,7 @@ fn bsdfs() -> Vec<(&'static str, Bsdf<'static>)> {
         ("rough_plastic_very_rough", Bsdf::rough_plastic(&COATINGS.rough, PAINT, TINT_R, true).two_sided()),
     ];
     bsdfs.extend(principleds());
+    bsdfs.extend(thin_principleds());
     bsdfs
 }
 
@@ -144,6 +145,50 @@ fn principleds() -> Vec<(&'static str, Bsdf<'static>)> {
     ]
 }
 
+/// Mitsuba's defaults.
+const PRINCIPLED_THIN: PrincipledThinParams = PrincipledThinParams {
+    base_color: PAINT,
+    roughness: 0.5,
+    anisotropic: 0.0,
+    spec_trans: 0.0,
+    eta: 1.5,
+    spec_tint: 0.0,
+    sheen: 0.0,
+    sheen_tint: 0.0,
+    flatness: 0.0,
+    diff_trans: 0.0,
+    diffuse_reflection_rate: 1.0,
+    diffuse_transmission_rate: 1.0,
+    specular_reflection_rate: 1.0,
+    specular_transmission_rate: 1.0,
+};
+
+fn thin_principleds() -> Vec<(&'static str, Bsdf<'static>)> {
+    let p = PRINCIPLED_THIN;
+    let all = PrincipledThinParams {
+        roughness: 0.6,
+        anisotropic: 0.5,
+        spec_trans: 0.4,
+        eta: 1.33,
+        spec_tint: 0.6,
+        sheen: 0.5,
+        sheen_tint: 0.7,
+        flatness: 0.6,
+        diff_trans: 1.2,
+        diffuse_reflection_rate: 0.7,
+        diffuse_transmission_rate: 0.8,
+        specular_reflection_rate: 1.3,
+        specular_transmission_rate: 0.9,
+        ..p
+    };
+    let glass = PrincipledThinParams { base_color: TINT_T, spec_trans: 1.0, roughness: 0.4, ..p };
+    vec![
+        ("principled_thin", Bsdf::principled_thin(&PrincipledThinParams { diff_trans: 0.6, ..p })),
+        ("principled_thin_glass", Bsdf::principled_thin(&PrincipledThinParams { spec_tint: 0.4, ..glass })),
+        ("principled_thin_all", Bsdf::principled_thin(&all)),
+    ]
+}
+
 /// Whether a name has any of some words in it.
 fn is_any(name: &str, words: &[&str]) -> bool {
     words.iter().any(|word| name.contains(word))
@@ -151,7 +196,7 @@ fn is_any(name: &str, words: &[&str]) -> bool {
 
 /// Models that refract or otherwise let light through non-delta lobes.
 const TRANSMITTING: [&str; 5] =
-    ["rough_dielectric", "_glass", "principled_all", "principled_inverse", "thin_all"];
+    ["rough_dielectric", "_glass", "principled_all", "principled_inverse", "principled_thin"];
 
 /// From steep to grazing, on both sides; oblique to the axes because of anisotropy.
 fn directions() -> impl Iterator<Item = Vec3> {
@@ -333,6 +378,9 @@ fn extremes_stay_finite() {
         let paint = PrincipledParams { metallic: 0.0, spec_trans: 0.0, ..p };
         let unsampled = PrincipledParams { diffuse_rate: 0.0, specular_rate: 0.0, clearcoat_rate: 0.0, ..p };
         bsdfs.extend([p, glass, paint, unsampled].map(|p| Bsdf::principled(&p)));
+        let p = PrincipledThinParams { ..PRINCIPLED_THIN.map(|_| Rgb::splat(x), |_| x) };
+        let paper = PrincipledThinParams { spec_trans: 0.0, eta, ..p };
+        bsdfs.extend([p, paper].map(|p| Bsdf::principled_thin(&p)));
     }
     bsdfs.push(Bsdf::plastic(Coating::new(1.5), Rgb::ZERO, Rgb::ZERO, false));
     bsdfs.push(Bsdf::plastic(Coating::new(1.0), Rgb::ONE, Rgb::ONE, true));

@@ -4,7 +4,9 @@ use super::Loader;
 use super::props::Props;
 use super::xml::{Property, Value, tokens};
 use crate::Result;
-use crate::bsdf::{Coating, Distribution, Perturbation, PrincipledParams, RoughCoating};
+use crate::bsdf::{
+    Coating, Distribution, Perturbation, PrincipledParams, PrincipledThinParams, RoughCoating,
+};
 use crate::math::Rgb;
 use crate::scene::ior;
 use crate::scene::material::{Material, Roughness};
@@ -12,7 +14,7 @@ use crate::scene::spectrum::Role;
 use crate::texture::{Color, Scalar};
 
 const KNOWN: &str = "diffuse, dielectric, thindielectric, roughdielectric, conductor, roughconductor, plastic, \
-                     roughplastic, principled, blendbsdf, normalmap, bumpmap, twosided, mask, null";
+                     roughplastic, principled, principledthin, blendbsdf, normalmap, bumpmap, twosided, mask, null";
 
 impl<'a> Loader<'a> {
     /// The index of the material that a `<bsdf>` stands for.
@@ -97,6 +99,7 @@ impl<'a> Loader<'a> {
                 }
             }
             "principled" => Material::Principled(Box::new(self.principled(props)?)),
+            "principledthin" => Material::PrincipledThin(Box::new(self.principled_thin(props)?)),
             "twosided" => self.two_sided(props)?,
             "blendbsdf" => {
                 if !props.has("weight") {
@@ -163,6 +166,26 @@ impl<'a> Loader<'a> {
             diffuse_rate: sampling_rate(props, "diffuse_reflectance_sampling_rate")?,
             specular_rate: sampling_rate(props, "main_specular_sampling_rate")?,
             clearcoat_rate: sampling_rate(props, "clearcoat_sampling_rate")?,
+        })
+    }
+
+    fn principled_thin(&mut self, props: Props<'a>) -> Result<PrincipledThinParams<Color, Scalar>> {
+        let mut unit = |name| self.scalar_up_to(props, name, 0.0, 1.0);
+        Ok(PrincipledThinParams {
+            anisotropic: unit("anisotropic")?,
+            spec_trans: unit("spec_trans")?,
+            spec_tint: unit("spec_tint")?,
+            sheen_tint: unit("sheen_tint")?,
+            flatness: unit("flatness")?,
+            diff_trans: self.scalar_up_to(props, "diff_trans", 0.0, 2.0)?,
+            base_color: self.color(props, "base_color", Role::Reflectance, Rgb::splat(0.5))?,
+            roughness: self.scalar(props, "roughness", 0.5)?,
+            eta: self.scalar(props, "eta", 1.5)?,
+            sheen: self.scalar(props, "sheen", 0.0)?,
+            diffuse_reflection_rate: sampling_rate(props, "diffuse_reflectance_sampling_rate")?,
+            diffuse_transmission_rate: sampling_rate(props, "diffuse_transmittance_sampling_rate")?,
+            specular_reflection_rate: sampling_rate(props, "specular_reflectance_sampling_rate")?,
+            specular_transmission_rate: sampling_rate(props, "specular_transmittance_sampling_rate")?,
         })
     }
 

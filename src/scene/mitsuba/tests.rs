@@ -235,6 +235,9 @@ fn materials() {
         let shape = format!("<shape type='cube'><bsdf type='principled'>{wrong}</bsdf></shape>");
         assert!(load_body(&shape).is_err(), "{wrong}");
     }
+    let thin = "<bsdf type='principledthin'><float name='diff_trans' value='1.5'/></bsdf>";
+    let Material::PrincipledThin(p) = material(thin) else { panic!() };
+    assert_eq!((p.diff_trans, p.eta), (Scalar::Constant(1.5), Scalar::Constant(1.5)));
     assert!(matches!(material("<bsdf type='null'/>"), Material::Null));
     let masked = "<bsdf type='mask'><float name='opacity' value='.2'/><bsdf type='twosided'><bsdf type='diffuse'/>\
                   <bsdf type='conductor'/></bsdf></bsdf>";
