@@ -3,7 +3,7 @@
 //! BSDF with Integrated Subsurface Scattering".
 
 use super::dielectric::{Dielectric, RoughDielectric};
-use super::{BsdfSample, Mode, Share, clearcoat::Clearcoat, fresnel, reflect};
+use super::{BsdfSample, Mode, Share, clearcoat::Clearcoat, fresnel, reflect, up_to};
 use super::{Distribution, Microfacet};
 use crate::math::{Rgb, luminance, warp};
 use glam::{Vec2, Vec3};
@@ -74,9 +74,9 @@ impl<C, S> PrincipledParams<C, S> {
     }
 }
 
-/// Into 0..1; what is no number becomes 0.
+/// Into 0..1.
 pub(super) fn unit(x: f32) -> f32 {
-    x.max(0.0).min(1.0)
+    up_to(1.0, x)
 }
 
 /// (1 − cos)⁵ (Schlick 1994).

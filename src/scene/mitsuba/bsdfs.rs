@@ -5,7 +5,7 @@ use super::props::Props;
 use super::xml::{Property, Value, tokens};
 use crate::Result;
 use crate::bsdf::{
-    Coating, Distribution, Perturbation, PrincipledParams, PrincipledThinParams, RoughCoating,
+    Coating, Distribution, Perturbation, PrincipledParams, PrincipledThinParams, RoughCoating, WardVariant,
 };
 use crate::math::Rgb;
 use crate::scene::ior;
@@ -14,7 +14,8 @@ use crate::scene::spectrum::Role;
 use crate::texture::{Color, Scalar};
 
 const KNOWN: &str = "diffuse, dielectric, thindielectric, roughdielectric, conductor, roughconductor, plastic, \
-                     roughplastic, principled, principledthin, blendbsdf, normalmap, bumpmap, twosided, mask, null";
+                     roughplastic, principled, principledthin, phong, ward, roughdiffuse, difftrans, blendbsdf, \
+                     normalmap, bumpmap, twosided, mask, null";
 
 impl<'a> Loader<'a> {
     /// The index of the material that a `<bsdf>` stands for.
@@ -100,6 +101,21 @@ impl<'a> Loader<'a> {
             }
             "principled" => Material::Principled(Box::new(self.principled(props)?)),
             "principledthin" => Material::PrincipledThin(Box::new(self.principled_thin(props)?)),
+            // Of Mitsuba 0.6.
+            "phong" => Material::Phong {
+                diffuse: color("diffuse_reflectance", 0.5)?,
+                specular: color("specular_reflectance", 0.2)?,
+                exponent: self.scalar(props, "exponent", 30.0)?,
+            },
+            "ward" => self.ward(props)?,
+            "roughdiffuse" => Material::RoughDiffuse {
+                reflectance: color(either(props, "reflectance", "diffuse_reflectance"), 0.5)?,
+                alpha: self.scalar(props, "alpha", 0.2)?,
+                fast: props.boolean("use_fast_approx", false)?,
+            },
+            "difftrans" => Material::DiffuseTransmitter {
+                transmittance: color(either(props, "transmittance", "diffuse_transmittance"), 0.5)?,
+            },
             "twosided" => self.two_sided(props)?,
             "blendbsdf" => {
                 if !props.has("weight") {
@@ -143,8 +159,33 @@ impl<'a> Loader<'a> {
             }
             _ => return Err(props.unknown_plugin(KNOWN)),
         };
+        if matches!(props.plugin(), "phong" | "ward" | "roughdiffuse" | "difftrans")
+            && !props.boolean("ensure_energy_conservation", true)?
+        {
+            let pos = props.pos("ensure_energy_conservation");
+            self.warn_at(pos, "'ensure_energy_conservation' has no effect: it is always ensured");
+        }
         props.finish()?;
         Ok(material)
+    }
+
+    fn ward(&mut self, props: Props<'a>) -> Result<Material> {
+        let alpha = self.positive(props, "alpha", Scalar::Constant(0.1))?;
+        Ok(Material::Ward {
+            diffuse: self.color(props, "diffuse_reflectance", Role::Reflectance, Rgb::splat(0.5))?,
+            specular: self.color(props, "specular_reflectance", Role::Reflectance, Rgb::splat(0.2))?,
+            alpha_u: self.positive(props, "alpha_u", alpha)?,
+            alpha_v: self.positive(props, "alpha_v", alpha)?,
+            variant: props.choice(
+                "variant",
+                WardVariant::Balanced,
+                &[
+                    ("ward", WardVariant::Ward),
+                    ("ward-duer", WardVariant::Duer),
+                    ("balanced", WardVariant::Balanced),
+                ],
+            )?,
+        })
     }
 
     fn principled(&mut self, props: Props<'a>) -> Result<PrincipledParams<Color, Scalar>> {
@@ -317,6 +358,19 @@ impl<'a> Loader<'a> {
         }
     }
 
+    /// A number that may be textured, but is not 0 if it is not.
+    fn positive(&mut self, props: Props<'a>, name: &str, default: Scalar) -> Result<Scalar> {
+        if !props.has(name) {
+            return Ok(default);
+        }
+        match self.scalar(props, name, 0.0)? {
+            Scalar::Constant(a) if a <= 0.0 || a.is_nan() => {
+                Err(props.error_at(name, format!("'{name}' is {a}, but must be positive")))
+            }
+            scalar => Ok(scalar),
+        }
+    }
+
     fn roughness(&mut self, props: Props<'a>) -> Result<Roughness> {
         props.boolean("sample_visible", true)?;
         let anisotropic = props.has("alpha_u") || props.has("alpha_v");
@@ -324,15 +378,7 @@ impl<'a> Loader<'a> {
             let at = if props.has("alpha_u") { "alpha_u" } else { "alpha_v" };
             return Err(props.error_at(at, "give either 'alpha', or 'alpha_u' and 'alpha_v'"));
         }
-        let mut alpha = |name| -> Result<Scalar> {
-            let alpha = self.scalar(props, name, 0.1)?;
-            match alpha {
-                Scalar::Constant(a) if a <= 0.0 || a.is_nan() => {
-                    Err(props.error_at(name, format!("'{name}' is {a}, but must be positive")))
-                }
-                _ => Ok(alpha),
-            }
-        };
+        let mut alpha = |name| self.positive(props, name, Scalar::Constant(0.1));
         let (alpha_u, alpha_v) = if anisotropic {
             (alpha("alpha_u")?, alpha("alpha_v")?)
         } else {
@@ -371,6 +417,11 @@ fn distribution(props: Props) -> Result<Distribution> {
         return Ok(Distribution::Beckmann);
     }
     props.choice("distribution", Distribution::Beckmann, &choices)
+}
+
+/// The name of two under which a property is given.
+fn either<'n>(props: Props, name: &'n str, other: &'n str) -> &'n str {
+    if props.has(name) || !props.has(other) { name } else { other }
 }
 
 /// Interior over exterior index of a principled: given, or by the reflectance at normal incidence. Mitsuba takes what

@@ -1,6 +1,6 @@
 //! Small scenes: what they load to, and that every mistake names its file and line.
 
-use crate::bsdf::Distribution;
+use crate::bsdf::{Distribution, WardVariant};
 use crate::film::Filter;
 use crate::light::Light;
 use crate::math::Rgb;
@@ -238,6 +238,20 @@ fn materials() {
     let thin = "<bsdf type='principledthin'><float name='diff_trans' value='1.5'/></bsdf>";
     let Material::PrincipledThin(p) = material(thin) else { panic!() };
     assert_eq!((p.diff_trans, p.eta), (Scalar::Constant(1.5), Scalar::Constant(1.5)));
+    // Of Mitsuba 0.6.
+    let ward = "<bsdf type='ward'><float name='alpha' value='.3'/><float name='alpha_v' value='.2'/></bsdf>";
+    let Material::Ward { alpha_u, alpha_v, variant: WardVariant::Balanced, .. } = material(ward) else {
+        panic!()
+    };
+    assert_eq!((alpha_u, alpha_v), (Scalar::Constant(0.3), Scalar::Constant(0.2)));
+    let Material::Phong { specular, exponent, .. } = material("<bsdf type='phong'/>") else { panic!() };
+    assert_eq!((specular, exponent), (Color::Constant(Rgb::splat(0.2)), Scalar::Constant(30.0)));
+    for name in ["reflectance", "diffuse_reflectance"] {
+        let rough = material(&format!("<bsdf type='roughdiffuse'><rgb name='{name}' value='.3'/></bsdf>"));
+        let Material::RoughDiffuse { reflectance, fast: false, .. } = rough else { panic!() };
+        assert_eq!(reflectance, Color::Constant(Rgb::splat(0.3)));
+    }
+    assert!(material("<bsdf type='difftrans'/>").transmits());
     assert!(matches!(material("<bsdf type='null'/>"), Material::Null));
     let masked = "<bsdf type='mask'><float name='opacity' value='.2'/><bsdf type='twosided'><bsdf type='diffuse'/>\
                   <bsdf type='conductor'/></bsdf></bsdf>";
