@@ -99,6 +99,16 @@ impl Microfacet {
         }
     }
 
+    /// Samples a normal with pdf D(m) cosθ_m, whether visible or not (Walter et al. 2007, Eqs. 28 and 35, anisotropic).
+    pub(super) fn sample_all(&self, u: Vec2) -> Vec3 {
+        let tan2 = match self.distribution {
+            Distribution::Beckmann => -(1.0 - u.x).ln(),
+            Distribution::Ggx => u.x / (1.0 - u.x),
+        };
+        let slope = self.alpha * Vec2::from_angle(TAU * u.y) * tan2.sqrt();
+        slope.extend(1.0).normalize()
+    }
+
     /// Samples a normal visible from `wo` (wo.z > 0) with pdf D(m) (wo·m) / σ(wo). If isotropic, u.y and 1 − u.y lie
     /// symmetrically to the plane of incidence.
     #[inline]

@@ -1,25 +1,36 @@
 //! Scattering at a surface point whose textures are already looked up: small values in local coordinates (z = shading
-//! normal), so this module knows neither textures nor scene. The models are those of Mitsuba 3.9.
+//! normal), so this module knows neither textures nor scene. The models are those of Mitsuba 3.9, and those of
+//! Mitsuba 0.6 that it no longer has.
 //!
 //! `eval` includes the cosine. Rough lobes belong to two *classes* at once, by weights that change smoothly with
 //! roughness: that is how the light transport is split without a threshold; see [`Share`].
 
 mod blend;
+mod clearcoat;
 mod coated;
 mod conductor;
 mod dielectric;
 mod diffuse;
 pub mod fresnel;
 mod microfacet;
+mod oren_nayar;
 mod perturbed;
+mod phong;
 mod plastic;
+mod principled;
+mod principled_thin;
 #[cfg(test)]
 mod tests;
+mod transmitter;
+mod ward;
 
 pub use coated::Layer;
 pub use microfacet::{Distribution, Microfacet};
 pub use perturbed::Perturbation;
 pub use plastic::{Coating, RoughCoating};
+pub use principled::PrincipledParams;
+pub use principled_thin::PrincipledThinParams;
+pub use ward::WardVariant;
 
 use crate::math::Rgb;
 use blend::Blend;
@@ -28,9 +39,15 @@ use conductor::{Conductor, RoughConductor};
 use dielectric::{Dielectric, RoughDielectric, ThinDielectric};
 use diffuse::Diffuse;
 use glam::{Vec2, Vec3};
+use oren_nayar::OrenNayar;
 use perturbed::Perturbed;
+use phong::Phong;
 use plastic::{Paint, Plastic, RoughPlastic};
+use principled::Principled;
+use principled_thin::PrincipledThin;
 use std::f32::consts::FRAC_1_PI;
+use transmitter::DiffuseTransmitter;
+use ward::Ward;
 
 /// Roughness α where a lobe begins to count as broad to the eye, and where it is wholly so.
 const BROAD_TO_EYE: (f32, f32) = (0.05, 0.25);
@@ -136,6 +153,12 @@ enum Kind<'a> {
     RoughDielectric(RoughDielectric),
     Plastic(Plastic),
     RoughPlastic(RoughPlastic<'a>),
+    Principled(Principled),
+    PrincipledThin(PrincipledThin),
+    Phong(Phong),
+    Ward(Ward),
+    OrenNayar(OrenNayar),
+    DiffuseTransmitter(DiffuseTransmitter),
     Blend(Box<Blend<'a>>),
     Coated(Box<Coated<'a>>),
     Perturbed(Box<Perturbed<'a>>),
@@ -211,6 +234,37 @@ impl<'a> Bsdf<'a> {
     /// plane of `n` and `s`.
     pub fn perturbed(self, n: Vec3, s: Vec3, rules: Perturbation) -> Self {
         Bsdf::new(Kind::Perturbed(Box::new(Perturbed { n, s, rules, nested: self })))
+    }
+
+    /// Burley's blend of paint, metal and glass under a clear coat (`principled`).
+    pub fn principled(params: &PrincipledParams) -> Self {
+        Bsdf::new(Kind::Principled(Principled::new(params)))
+    }
+
+    /// Burley's thin sheet of paint or glass (`principledthin`).
+    pub fn principled_thin(params: &PrincipledThinParams) -> Self {
+        Bsdf::new(Kind::PrincipledThin(PrincipledThin::new(params)))
+    }
+
+    /// Normalised Phong lobe over a diffuse base (`phong`). Scaled down where the two reflect more than arrives.
+    pub fn phong(diffuse: Rgb, specular: Rgb, exponent: f32) -> Self {
+        Bsdf::new(Kind::Phong(Phong::new(diffuse, specular, exponent)))
+    }
+
+    /// Ward's anisotropic lobe over a diffuse base (`ward`). Scaled down where the two reflect more than arrives.
+    pub fn ward(diffuse: Rgb, specular: Rgb, alpha_u: f32, alpha_v: f32, variant: WardVariant) -> Self {
+        Bsdf::new(Kind::Ward(Ward::new(diffuse, specular, alpha_u, alpha_v, variant)))
+    }
+
+    /// Diffuse reflection of a rough surface (`roughdiffuse`), of slopes as rough as facets of roughness `alpha`; `fast`
+    /// leaves out what is reflected between them.
+    pub fn rough_diffuse(reflectance: Rgb, alpha: f32, fast: bool) -> Self {
+        Bsdf::new(Kind::OrenNayar(OrenNayar::new(reflectance, alpha, fast)))
+    }
+
+    /// Lambertian transmission from both sides (`difftrans`).
+    pub fn diffuse_transmitter(transmittance: Rgb) -> Self {
+        Bsdf::new(Kind::DiffuseTransmitter(DiffuseTransmitter { transmittance }))
     }
 
     /// The same with holes (`mask`): light goes straight through with probability 1 − `opacity`.
@@ -296,14 +350,15 @@ impl<'a> Bsdf<'a> {
     pub fn has_delta(&self) -> bool {
         self.opacity < 1.0
             || match &self.kind {
-                Kind::Diffuse(_)
-                | Kind::RoughConductor(_)
-                | Kind::RoughDielectric(_)
-                | Kind::RoughPlastic(_) => false,
+                Kind::Null
+                | Kind::Conductor(_)
+                | Kind::Dielectric(_)
+                | Kind::ThinDielectric(_)
+                | Kind::Plastic(_) => true,
                 Kind::Blend(b) => b.any(Bsdf::has_delta),
                 Kind::Coated(b) => b.layer.rough.is_none() || b.nested.has_delta(),
                 Kind::Perturbed(b) => b.nested.has_delta(),
-                _ => true,
+                _ => false,
             }
     }
 
@@ -321,8 +376,8 @@ impl<'a> Bsdf<'a> {
             }
     }
 
-    /// Roughness √(α_u α_v) of the only microfacet lobe, if there is one; less where its facets hardly bend what they
-    /// transmit.
+    /// Roughness √(α_u α_v) of the microfacet lobe, if there is one, and of the narrowest of several unless they are those
+    /// of a blend; less where its facets hardly bend what they transmit.
     pub fn roughness(&self) -> Option<f32> {
         self.kind.roughness()
     }
@@ -364,6 +419,12 @@ impl<'a> Bsdf<'a> {
             Kind::RoughDielectric(b) => b.interface.albedo(1),
             Kind::Plastic(b) => b.albedo(),
             Kind::RoughPlastic(b) => b.albedo(),
+            Kind::Principled(b) => b.albedo(),
+            Kind::PrincipledThin(b) => b.albedo(),
+            Kind::Phong(b) => b.albedo(),
+            Kind::Ward(b) => b.albedo(),
+            Kind::OrenNayar(b) => b.albedo(),
+            Kind::DiffuseTransmitter(b) => b.transmittance,
             Kind::Blend(b) => b.albedo(),
             Kind::Coated(b) => b.albedo(),
             Kind::Perturbed(b) => b.nested.albedo(),
@@ -393,6 +454,12 @@ impl Kind<'_> {
             },
             Kind::Plastic(b) => b.eval(wo, wi),
             Kind::RoughPlastic(b) => b.eval(wo, wi, part(b.roughness())),
+            Kind::Principled(b) => b.eval(wo, wi, mode, share),
+            Kind::PrincipledThin(b) => b.eval(wo, wi, mode, share),
+            Kind::Phong(b) => b.eval(wo, wi, share),
+            Kind::Ward(b) => b.eval(wo, wi, share),
+            Kind::OrenNayar(b) => b.eval(wo, wi),
+            Kind::DiffuseTransmitter(b) => b.eval(wo, wi),
             Kind::Blend(b) => b.eval(wo, wi, mode, share),
             Kind::Coated(b) => b.eval(wo, wi, mode, share),
             Kind::Perturbed(b) => b.eval(wo, wi, mode, share),
@@ -407,6 +474,12 @@ impl Kind<'_> {
             Kind::RoughDielectric(b) => b.pdf_w(wo, wi),
             Kind::Plastic(b) => b.pdf_w(wo, wi),
             Kind::RoughPlastic(b) => b.pdf_w(wo, wi),
+            Kind::Principled(b) => b.pdf_w(wo, wi),
+            Kind::PrincipledThin(b) => b.pdf_w(wo, wi, mode),
+            Kind::Phong(b) => b.pdf_w(wo, wi),
+            Kind::Ward(b) => b.pdf_w(wo, wi),
+            Kind::OrenNayar(b) => b.pdf_w(wo, wi),
+            Kind::DiffuseTransmitter(b) => b.pdf_w(wo, wi),
             Kind::Blend(b) => b.pdf_w(wo, wi, mode),
             Kind::Coated(b) => b.pdf_w(wo, wi, mode),
             Kind::Perturbed(b) => b.pdf_w(wo, wi, mode),
@@ -424,6 +497,12 @@ impl Kind<'_> {
             Kind::RoughDielectric(b) => b.sample(wo, u_lobe, u, mode),
             Kind::Plastic(b) => b.sample(wo, u_lobe, u),
             Kind::RoughPlastic(b) => b.sample(wo, u_lobe, u),
+            Kind::Principled(b) => b.sample(wo, u_lobe, u, mode),
+            Kind::PrincipledThin(b) => b.sample(wo, u_lobe, u, mode),
+            Kind::Phong(b) => b.sample(wo, u_lobe, u),
+            Kind::Ward(b) => b.sample(wo, u_lobe, u),
+            Kind::OrenNayar(b) => b.sample(wo, u),
+            Kind::DiffuseTransmitter(b) => b.sample(wo, u),
             Kind::Blend(b) => b.sample(wo, u_lobe, u, mode),
             Kind::Coated(b) => b.sample(wo, u_lobe, u, mode),
             Kind::Perturbed(b) => b.sample(wo, u_lobe, u, mode),
@@ -435,18 +514,33 @@ impl Kind<'_> {
             Kind::RoughConductor(b) => Some(b.microfacet.roughness()),
             Kind::RoughDielectric(b) => Some(b.roughness()),
             Kind::RoughPlastic(b) => Some(b.roughness()),
+            Kind::Principled(b) => Some(b.roughness()),
+            Kind::PrincipledThin(b) => b.roughness(),
+            Kind::Phong(b) => Some(b.roughness()),
+            Kind::Ward(b) => Some(b.roughness()),
             _ => None,
         }
     }
 
     fn transmits(&self) -> bool {
         match self {
-            Kind::Null | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::RoughDielectric(_) => true,
+            Kind::Null
+            | Kind::Dielectric(_)
+            | Kind::ThinDielectric(_)
+            | Kind::RoughDielectric(_)
+            | Kind::PrincipledThin(_)
+            | Kind::DiffuseTransmitter(_) => true,
+            Kind::Principled(b) => b.transmits(),
             Kind::Blend(b) => b.any(Bsdf::transmits),
             Kind::Perturbed(b) => b.nested.transmits(),
             _ => false,
         }
     }
+}
+
+/// `x` into 0..`most`; what is no number becomes 0.
+fn up_to(most: f32, x: f32) -> f32 {
+    if x > 0.0 { x.min(most) } else { 0.0 }
 }
 
 /// Seen from behind.

@@ -1,6 +1,9 @@
 //! Materials: scattering functions with textures still to be looked up.
 
-use crate::bsdf::{Bsdf, Coating, Distribution, Layer, Microfacet, Perturbation, RoughCoating};
+use crate::bsdf::{
+    Bsdf, Coating, Distribution, Layer, Microfacet, Perturbation, PrincipledParams, PrincipledThinParams,
+    RoughCoating, WardVariant,
+};
 use crate::texture::{Color, Scalar, Texture};
 use glam::{Vec2, Vec3};
 
@@ -137,6 +140,46 @@ pub enum Material {
         /// Whether the base colours light at every internal reflection.
         nonlinear: bool,
     },
+    /// Burley's blend of paint, metal and glass under a clear coat.
+    Principled(Box<PrincipledParams<Color, Scalar>>),
+    /// Burley's thin sheet of paint or glass.
+    PrincipledThin(Box<PrincipledThinParams<Color, Scalar>>),
+    /// Phong's lobe over a diffuse base.
+    Phong {
+        /// Albedo of the base.
+        diffuse: Color,
+        /// Albedo of the lobe.
+        specular: Color,
+        /// Sharpness of the lobe.
+        exponent: Scalar,
+    },
+    /// Ward's lobe over a diffuse base.
+    Ward {
+        /// Albedo of the base.
+        diffuse: Color,
+        /// Factor on the lobe.
+        specular: Color,
+        /// Roughness along ∂p/∂u.
+        alpha_u: Scalar,
+        /// Roughness across.
+        alpha_v: Scalar,
+        /// How the lobe is normalised.
+        variant: WardVariant,
+    },
+    /// Rough diffuse surface.
+    RoughDiffuse {
+        /// Albedo of what it is made of.
+        reflectance: Color,
+        /// Roughness.
+        alpha: Scalar,
+        /// Without interreflection.
+        fast: bool,
+    },
+    /// Lambertian transmission.
+    DiffuseTransmitter {
+        /// Share that gets through.
+        transmittance: Color,
+    },
     /// One material, or one for each side, seen from its front.
     TwoSided {
         /// On the side of the shading normal.
@@ -200,6 +243,7 @@ impl Material {
     pub fn bsdf<'a>(&'a self, textures: &'a [Texture], site: &Site) -> Bsdf<'a> {
         let uv = site.uv;
         let color = |c: &Color| c.eval(textures, uv);
+        let scalar = |s: &Scalar| s.eval(textures, uv);
         match self {
             Material::Null => Bsdf::null(),
             Material::Diffuse { reflectance } => Bsdf::diffuse(color(reflectance)),
@@ -229,6 +273,18 @@ impl Material {
             Material::RoughPlastic { coating, diffuse, specular, nonlinear } => {
                 Bsdf::rough_plastic(coating, color(diffuse), color(specular), *nonlinear)
             }
+            Material::Principled(params) => Bsdf::principled(&params.map(color, scalar)),
+            Material::PrincipledThin(params) => Bsdf::principled_thin(&params.map(color, scalar)),
+            Material::Phong { diffuse, specular, exponent } => {
+                Bsdf::phong(color(diffuse), color(specular), scalar(exponent))
+            }
+            Material::Ward { diffuse, specular, alpha_u, alpha_v, variant } => {
+                Bsdf::ward(color(diffuse), color(specular), scalar(alpha_u), scalar(alpha_v), *variant)
+            }
+            Material::RoughDiffuse { reflectance, alpha, fast } => {
+                Bsdf::rough_diffuse(color(reflectance), scalar(alpha), *fast)
+            }
+            Material::DiffuseTransmitter { transmittance } => Bsdf::diffuse_transmitter(color(transmittance)),
             Material::TwoSided { front, back } => {
                 let shown = match back {
                     Some(back) if !site.from_front => back,
@@ -277,11 +333,17 @@ impl Material {
             | Material::Conductor { .. }
             | Material::Dielectric { .. }
             | Material::ThinDielectric { .. } => (false, true),
-            Material::Diffuse { .. } => (true, false),
+            Material::Diffuse { .. }
+            | Material::RoughDiffuse { .. }
+            | Material::DiffuseTransmitter { .. } => (true, false),
+            Material::PrincipledThin(params) => (true, !is_zero(&params.spec_trans)),
             Material::RoughConductor { .. }
             | Material::RoughDielectric { .. }
             | Material::Plastic { .. }
-            | Material::RoughPlastic { .. } => (true, true),
+            | Material::RoughPlastic { .. }
+            | Material::Principled(_)
+            | Material::Phong { .. }
+            | Material::Ward { .. } => (true, true),
             Material::TwoSided { front, back } => {
                 return back.iter().fold(front.lobes(), |lobes, back| lobes.union(back.lobes()));
             }
@@ -306,6 +368,9 @@ impl Material {
             Material::Blend { nested, .. } => nested.iter().any(|m| m.needs_tangent()),
             Material::NormalMap { .. } | Material::BumpMap { .. } => true,
             Material::Coated { nested, .. } | Material::Mask { nested, .. } => nested.needs_tangent(),
+            Material::Principled(params) => !is_zero(&params.anisotropic),
+            Material::PrincipledThin(params) => !is_zero(&params.anisotropic),
+            Material::Ward { alpha_u, alpha_v, .. } => alpha_u != alpha_v,
             _ => false,
         }
     }
@@ -317,6 +382,8 @@ impl Material {
             | Material::Dielectric { .. }
             | Material::ThinDielectric { .. }
             | Material::RoughDielectric { .. }
+            | Material::PrincipledThin(_)
+            | Material::DiffuseTransmitter { .. }
             | Material::Mask { .. } => true,
             Material::Blend { nested, .. } => nested.iter().any(|m| m.transmits()),
             Material::NormalMap { nested, .. } | Material::BumpMap { nested, .. } => nested.transmits(),
@@ -326,7 +393,15 @@ impl Material {
             | Material::Plastic { .. }
             | Material::RoughPlastic { .. }
             | Material::Coated { .. }
+            | Material::Phong { .. }
+            | Material::Ward { .. }
+            | Material::RoughDiffuse { .. }
             | Material::TwoSided { .. } => false,
+            Material::Principled(params) => !is_zero(&params.spec_trans),
         }
     }
+}
+
+fn is_zero(scalar: &Scalar) -> bool {
+    *scalar == Scalar::Constant(0.0)
 }

@@ -68,6 +68,11 @@ fn eval_and_pdf_are_those_of_mitsuba() {
 }
 
 #[test]
+fn old_models_are_those_of_mitsuba_0_6() {
+    assert_eq!(check_eval(include_str!("mitsuba_old_eval.txt")), 40);
+}
+
+#[test]
 fn delta_samples_are_those_of_mitsuba() {
     assert!(check_sample(include_str!("mitsuba_sample.txt")) > 15);
 }

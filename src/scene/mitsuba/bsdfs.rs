@@ -4,7 +4,9 @@ use super::Loader;
 use super::props::Props;
 use super::xml::{Property, Value, tokens};
 use crate::Result;
-use crate::bsdf::{Coating, Distribution, Perturbation, RoughCoating};
+use crate::bsdf::{
+    Coating, Distribution, Perturbation, PrincipledParams, PrincipledThinParams, RoughCoating, WardVariant,
+};
 use crate::math::Rgb;
 use crate::scene::ior;
 use crate::scene::material::{Material, Roughness};
@@ -12,7 +14,8 @@ use crate::scene::spectrum::Role;
 use crate::texture::{Color, Scalar};
 
 const KNOWN: &str = "diffuse, dielectric, thindielectric, roughdielectric, conductor, roughconductor, plastic, \
-                     roughplastic, blendbsdf, normalmap, bumpmap, twosided, mask, null";
+                     roughplastic, principled, principledthin, phong, ward, roughdiffuse, difftrans, blendbsdf, \
+                     normalmap, bumpmap, twosided, mask, null";
 
 impl<'a> Loader<'a> {
     /// The index of the material that a `<bsdf>` stands for.
@@ -96,6 +99,23 @@ impl<'a> Loader<'a> {
                     nonlinear: props.boolean("nonlinear", false)?,
                 }
             }
+            "principled" => Material::Principled(Box::new(self.principled(props)?)),
+            "principledthin" => Material::PrincipledThin(Box::new(self.principled_thin(props)?)),
+            // Of Mitsuba 0.6.
+            "phong" => Material::Phong {
+                diffuse: color("diffuse_reflectance", 0.5)?,
+                specular: color("specular_reflectance", 0.2)?,
+                exponent: self.scalar(props, "exponent", 30.0)?,
+            },
+            "ward" => self.ward(props)?,
+            "roughdiffuse" => Material::RoughDiffuse {
+                reflectance: color(either(props, "reflectance", "diffuse_reflectance"), 0.5)?,
+                alpha: self.scalar(props, "alpha", 0.2)?,
+                fast: props.boolean("use_fast_approx", false)?,
+            },
+            "difftrans" => Material::DiffuseTransmitter {
+                transmittance: color(either(props, "transmittance", "diffuse_transmittance"), 0.5)?,
+            },
             "twosided" => self.two_sided(props)?,
             "blendbsdf" => {
                 if !props.has("weight") {
@@ -139,8 +159,86 @@ impl<'a> Loader<'a> {
             }
             _ => return Err(props.unknown_plugin(KNOWN)),
         };
+        if matches!(props.plugin(), "phong" | "ward" | "roughdiffuse" | "difftrans")
+            && !props.boolean("ensure_energy_conservation", true)?
+        {
+            let pos = props.pos("ensure_energy_conservation");
+            self.warn_at(pos, "'ensure_energy_conservation' has no effect: it is always ensured");
+        }
         props.finish()?;
         Ok(material)
+    }
+
+    fn ward(&mut self, props: Props<'a>) -> Result<Material> {
+        let alpha = self.positive(props, "alpha", Scalar::Constant(0.1))?;
+        Ok(Material::Ward {
+            diffuse: self.color(props, "diffuse_reflectance", Role::Reflectance, Rgb::splat(0.5))?,
+            specular: self.color(props, "specular_reflectance", Role::Reflectance, Rgb::splat(0.2))?,
+            alpha_u: self.positive(props, "alpha_u", alpha)?,
+            alpha_v: self.positive(props, "alpha_v", alpha)?,
+            variant: props.choice(
+                "variant",
+                WardVariant::Balanced,
+                &[
+                    ("ward", WardVariant::Ward),
+                    ("ward-duer", WardVariant::Duer),
+                    ("balanced", WardVariant::Balanced),
+                ],
+            )?,
+        })
+    }
+
+    fn principled(&mut self, props: Props<'a>) -> Result<PrincipledParams<Color, Scalar>> {
+        let mut unit = |name| self.scalar_up_to(props, name, 0.0, 1.0);
+        let spec_trans = unit("spec_trans")?;
+        Ok(PrincipledParams {
+            anisotropic: unit("anisotropic")?,
+            metallic: unit("metallic")?,
+            spec_tint: unit("spec_tint")?,
+            sheen_tint: unit("sheen_tint")?,
+            flatness: unit("flatness")?,
+            clearcoat_gloss: unit("clearcoat_gloss")?,
+            eta: principled_ior(props, spec_trans != Scalar::Constant(0.0))?,
+            spec_trans,
+            base_color: self.color(props, "base_color", Role::Reflectance, Rgb::splat(0.5))?,
+            roughness: self.scalar(props, "roughness", 0.5)?,
+            sheen: self.scalar(props, "sheen", 0.0)?,
+            clearcoat: self.scalar(props, "clearcoat", 0.0)?,
+            diffuse_rate: sampling_rate(props, "diffuse_reflectance_sampling_rate")?,
+            specular_rate: sampling_rate(props, "main_specular_sampling_rate")?,
+            clearcoat_rate: sampling_rate(props, "clearcoat_sampling_rate")?,
+        })
+    }
+
+    fn principled_thin(&mut self, props: Props<'a>) -> Result<PrincipledThinParams<Color, Scalar>> {
+        let mut unit = |name| self.scalar_up_to(props, name, 0.0, 1.0);
+        Ok(PrincipledThinParams {
+            anisotropic: unit("anisotropic")?,
+            spec_trans: unit("spec_trans")?,
+            spec_tint: unit("spec_tint")?,
+            sheen_tint: unit("sheen_tint")?,
+            flatness: unit("flatness")?,
+            diff_trans: self.scalar_up_to(props, "diff_trans", 0.0, 2.0)?,
+            base_color: self.color(props, "base_color", Role::Reflectance, Rgb::splat(0.5))?,
+            roughness: self.scalar(props, "roughness", 0.5)?,
+            eta: self.scalar(props, "eta", 1.5)?,
+            sheen: self.scalar(props, "sheen", 0.0)?,
+            diffuse_reflection_rate: sampling_rate(props, "diffuse_reflectance_sampling_rate")?,
+            diffuse_transmission_rate: sampling_rate(props, "diffuse_transmittance_sampling_rate")?,
+            specular_reflection_rate: sampling_rate(props, "specular_reflectance_sampling_rate")?,
+            specular_transmission_rate: sampling_rate(props, "specular_transmittance_sampling_rate")?,
+        })
+    }
+
+    /// A number that may be textured; not negative, and at most `most` if it is none.
+    fn scalar_up_to(&mut self, props: Props<'a>, name: &str, default: f32, most: f32) -> Result<Scalar> {
+        match self.scalar(props, name, default)? {
+            // For rounding in luminances.
+            Scalar::Constant(x) if x > 1.0001 * most => {
+                Err(props.error_at(name, format!("'{name}' is {x}, but must lie in 0..{most}")))
+            }
+            scalar => Ok(scalar),
+        }
     }
 
     fn two_sided(&mut self, props: Props<'a>) -> Result<Material> {
@@ -260,6 +358,19 @@ impl<'a> Loader<'a> {
         }
     }
 
+    /// A number that may be textured, but is not 0 if it is not.
+    fn positive(&mut self, props: Props<'a>, name: &str, default: Scalar) -> Result<Scalar> {
+        if !props.has(name) {
+            return Ok(default);
+        }
+        match self.scalar(props, name, 0.0)? {
+            Scalar::Constant(a) if a <= 0.0 || a.is_nan() => {
+                Err(props.error_at(name, format!("'{name}' is {a}, but must be positive")))
+            }
+            scalar => Ok(scalar),
+        }
+    }
+
     fn roughness(&mut self, props: Props<'a>) -> Result<Roughness> {
         props.boolean("sample_visible", true)?;
         let anisotropic = props.has("alpha_u") || props.has("alpha_v");
@@ -267,15 +378,7 @@ impl<'a> Loader<'a> {
             let at = if props.has("alpha_u") { "alpha_u" } else { "alpha_v" };
             return Err(props.error_at(at, "give either 'alpha', or 'alpha_u' and 'alpha_v'"));
         }
-        let mut alpha = |name| -> Result<Scalar> {
-            let alpha = self.scalar(props, name, 0.1)?;
-            match alpha {
-                Scalar::Constant(a) if a <= 0.0 || a.is_nan() => {
-                    Err(props.error_at(name, format!("'{name}' is {a}, but must be positive")))
-                }
-                _ => Ok(alpha),
-            }
-        };
+        let mut alpha = |name| self.positive(props, name, Scalar::Constant(0.1));
         let (alpha_u, alpha_v) = if anisotropic {
             (alpha("alpha_u")?, alpha("alpha_v")?)
         } else {
@@ -314,6 +417,44 @@ fn distribution(props: Props) -> Result<Distribution> {
         return Ok(Distribution::Beckmann);
     }
     props.choice("distribution", Distribution::Beckmann, &choices)
+}
+
+/// The name of two under which a property is given.
+fn either<'n>(props: Props, name: &'n str, other: &'n str) -> &'n str {
+    if props.has(name) || !props.has(other) { name } else { other }
+}
+
+/// Interior over exterior index of a principled: given, or by the reflectance at normal incidence. Mitsuba takes what
+/// transmits but does not refract for a mistake.
+fn principled_ior(props: Props, transmits: bool) -> Result<f32> {
+    if props.has("eta") && props.has("specular") {
+        return Err(props.error_at("specular", "give either 'eta' or 'specular', not both"));
+    }
+    if let Some(eta) = props.opt_float("eta")? {
+        if !(eta > 0.0 && eta.is_finite()) {
+            return Err(props.error_at("eta", format!("'eta' is {eta}, but must be positive")));
+        }
+        return Ok(if transmits && eta == 1.0 { 1.001 } else { eta });
+    }
+    let specular = props.float("specular", 0.5)?;
+    if !(0.0..12.5).contains(&specular) {
+        return Err(props.error_at(
+            "specular",
+            format!("'specular' is {specular}, but must be at least 0 and below 12.5"),
+        ));
+    }
+    let specular = if transmits && specular == 0.0 { 1e-3 } else { specular };
+    // Burley 2015, §3: 8 % at most.
+    Ok(2.0 / (1.0 - (0.08 * specular).sqrt()) - 1.0)
+}
+
+/// Weight of a lobe among what is sampled.
+fn sampling_rate(props: Props, name: &str) -> Result<f32> {
+    let rate = props.float(name, 1.0)?;
+    if rate >= 0.0 && rate.is_finite() {
+        return Ok(rate);
+    }
+    Err(props.error_at(name, format!("'{name}' is {rate}, but must not be negative")))
 }
 
 /// Interior over exterior index; either may be a number or a name.

@@ -1,6 +1,6 @@
 //! Small scenes: what they load to, and that every mistake names its file and line.
 
-use crate::bsdf::Distribution;
+use crate::bsdf::{Distribution, WardVariant};
 use crate::film::Filter;
 use crate::light::Light;
 use crate::math::Rgb;
@@ -222,6 +222,36 @@ fn materials() {
     assert_eq!((roughness.alpha_u, roughness.alpha_v), (Scalar::Constant(0.1), Scalar::Constant(0.3)));
     assert!(material("<bsdf type='roughplastic'><float name='alpha' value='.2'/></bsdf>").lobes().smooth);
     assert!(matches!(material("<bsdf type='plastic'/>"), Material::Plastic { nonlinear: false, .. }));
+    let principled = |inside: &str| material(&format!("<bsdf type='principled'>{inside}</bsdf>"));
+    let Material::Principled(p) = principled("<float name='metallic' value='.3'/>") else { panic!() };
+    assert_eq!((p.metallic, p.roughness), (Scalar::Constant(0.3), Scalar::Constant(0.5)));
+    // Half of 8 % at normal incidence.
+    assert!((p.eta - 1.5).abs() < 1e-6);
+    assert!(!principled("<float name='spec_trans' value='0'/>").transmits());
+    let glass = principled("<float name='spec_trans' value='1'/><float name='eta' value='1'/>");
+    assert!(glass.transmits() && matches!(glass, Material::Principled(p) if p.eta == 1.001));
+    let both = "<float name='eta' value='1.5'/><float name='specular' value='.5'/>";
+    for wrong in [both, "<float name='metallic' value='2'/>", "<float name='specular' value='13'/>"] {
+        let shape = format!("<shape type='cube'><bsdf type='principled'>{wrong}</bsdf></shape>");
+        assert!(load_body(&shape).is_err(), "{wrong}");
+    }
+    let thin = "<bsdf type='principledthin'><float name='diff_trans' value='1.5'/></bsdf>";
+    let Material::PrincipledThin(p) = material(thin) else { panic!() };
+    assert_eq!((p.diff_trans, p.eta), (Scalar::Constant(1.5), Scalar::Constant(1.5)));
+    // Of Mitsuba 0.6.
+    let ward = "<bsdf type='ward'><float name='alpha' value='.3'/><float name='alpha_v' value='.2'/></bsdf>";
+    let Material::Ward { alpha_u, alpha_v, variant: WardVariant::Balanced, .. } = material(ward) else {
+        panic!()
+    };
+    assert_eq!((alpha_u, alpha_v), (Scalar::Constant(0.3), Scalar::Constant(0.2)));
+    let Material::Phong { specular, exponent, .. } = material("<bsdf type='phong'/>") else { panic!() };
+    assert_eq!((specular, exponent), (Color::Constant(Rgb::splat(0.2)), Scalar::Constant(30.0)));
+    for name in ["reflectance", "diffuse_reflectance"] {
+        let rough = material(&format!("<bsdf type='roughdiffuse'><rgb name='{name}' value='.3'/></bsdf>"));
+        let Material::RoughDiffuse { reflectance, fast: false, .. } = rough else { panic!() };
+        assert_eq!(reflectance, Color::Constant(Rgb::splat(0.3)));
+    }
+    assert!(material("<bsdf type='difftrans'/>").transmits());
     assert!(matches!(material("<bsdf type='null'/>"), Material::Null));
     let masked = "<bsdf type='mask'><float name='opacity' value='.2'/><bsdf type='twosided'><bsdf type='diffuse'/>\
                   <bsdf type='conductor'/></bsdf></bsdf>";
