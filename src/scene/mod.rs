@@ -140,7 +140,7 @@ impl Scene {
         let lights = Lights::new(d.lights, &d.geometry, &d.textures);
         let mut shape_light = vec![None; d.geometry.shapes.len()];
         for (i, light) in lights.lights().iter().enumerate() {
-            if let Light::Area { shape, .. } = light {
+            if let Light::Area { shape, .. } | Light::DirectionalArea { shape, .. } = light {
                 shape_light[*shape as usize] = Some(i as u32);
             }
         }
