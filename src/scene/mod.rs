@@ -1,6 +1,7 @@
 //! A scene owns everything by `Vec` and names it by `u32` index. Loaders fill a [`SceneDescription`]; [`Scene::new`]
 //! builds the acceleration structure and prepares the lights.
 
+mod daylight;
 mod fingerprint;
 mod ior;
 mod load;
