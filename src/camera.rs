@@ -3,13 +3,25 @@
 use crate::math::{Ray, warp};
 use glam::{Affine3A, Vec2, Vec3};
 
-/// A perspective camera, with a thin lens if `aperture_radius` > 0. Looks along local +z, x to the *left* of the
-/// image as in Mitsuba.
+/// How depth shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Projection {
+    /// All lines of sight meet in the lens.
+    Perspective,
+    /// All are parallel. What the lens' settings say has no effect.
+    Orthographic,
+}
+
+/// A camera: perspective, with a thin lens if `aperture_radius` > 0, or orthographic. Looks along local +z, x to the
+/// *left* of the image as in Mitsuba.
 #[derive(Clone, Debug)]
 pub struct Camera {
     /// Camera to world.
     pub to_world: Affine3A,
-    /// Half the width of the image plane at distance 1: tan(fov_x / 2).
+    /// How depth shows.
+    pub projection: Projection,
+    /// Half the width of the view in local units: of an orthographic one throughout, else at distance 1, which is
+    /// tan(fov_x / 2).
     pub half_width: f32,
     /// Width over height of the full film.
     pub aspect: f32,
@@ -52,12 +64,7 @@ impl Camera {
         if !(fov_degrees > 0.0 && fov_degrees < 180.0) {
             return Err(format!("the field of view must lie between 0 and 180 degrees, not {fov_degrees}"));
         }
-        if !(aspect > 0.0 && aspect.is_finite()) {
-            return Err(format!("the film's aspect ratio must be positive, not {aspect}"));
-        }
-        if !(to_world.is_finite() && to_world.inverse().is_finite()) {
-            return Err("the camera's transformation is singular or not finite".into());
-        }
+        let camera = Camera::orthographic(to_world, aspect)?;
         let tan = (0.5 * fov_degrees as f64).to_radians().tan();
         let aspect64 = aspect as f64;
         let half_width = match axis {
@@ -67,9 +74,24 @@ impl Camera {
             FovAxis::Larger if aspect <= 1.0 => tan * aspect64,
             FovAxis::X | FovAxis::Smaller | FovAxis::Larger => tan,
         };
+        Ok(Camera { projection: Projection::Perspective, half_width: half_width as f32, ..camera })
+    }
+
+    /// An orthographic camera without clipping, which sees local −1 to 1 across the film's width.
+    ///
+    /// # Errors
+    /// A message if the transform is singular.
+    pub fn orthographic(to_world: Affine3A, aspect: f32) -> Result<Camera, String> {
+        if !(aspect > 0.0 && aspect.is_finite()) {
+            return Err(format!("the film's aspect ratio must be positive, not {aspect}"));
+        }
+        if !(to_world.is_finite() && to_world.inverse().is_finite()) {
+            return Err("the camera's transformation is singular or not finite".into());
+        }
         Ok(Camera {
             to_world,
-            half_width: half_width as f32,
+            projection: Projection::Orthographic,
+            half_width: 1.0,
             aspect,
             principal_offset: Vec2::ZERO,
             clip: (0.0, f32::INFINITY),
@@ -82,12 +104,13 @@ impl Camera {
     /// `lens` in the unit square.
     pub fn ray(&self, film: Vec2, lens: Vec2) -> Ray {
         let plane = 1.0 - 2.0 * (film + self.principal_offset);
-        let through = Vec3::new(plane.x * self.half_width, plane.y * self.half_width / self.aspect, 1.0);
-        let (o, d) = if self.aperture_radius > 0.0 {
-            let o = (self.aperture_radius * warp::disk(lens)).extend(0.0);
-            (o, through - o / self.focus_distance)
-        } else {
-            (Vec3::ZERO, through)
+        let plane = plane * Vec2::new(self.half_width, self.half_width / self.aspect);
+        let (o, d) = match self.projection {
+            Projection::Orthographic => (plane.extend(0.0), Vec3::Z),
+            Projection::Perspective => {
+                let o = self.lens_point(lens);
+                (o, plane.extend(1.0) - o / self.focus_distance)
+            }
         };
         // The local direction advances the depth by 1, so its length in the world turns depths into distances.
         let d = self.to_world.transform_vector3(d);
@@ -100,12 +123,28 @@ impl Camera {
         }
     }
 
+    /// The point of the lens that a sample names, local.
+    fn lens_point(&self, lens: Vec2) -> Vec3 {
+        match self.aperture_radius > 0.0 {
+            true => (self.aperture_radius * warp::disk(lens)).extend(0.0),
+            false => Vec3::ZERO,
+        }
+    }
+
+    /// Film position of a point of the view's plane, at distance 1 if lines of sight meet.
+    fn film(&self, plane: Vec2) -> Vec2 {
+        let plane = Vec2::new(plane.x, plane.y * self.aspect) / self.half_width;
+        0.5 * (1.0 - plane) - self.principal_offset
+    }
+
     /// Where a world point appears on the film through the lens' centre; `None` behind the camera or clipped. The
     /// position may lie outside of the film.
     pub fn project(&self, p: Vec3) -> Option<Vec2> {
         let l = self.local(p)?;
-        let plane = Vec2::new(l.x, l.y * self.aspect) / (l.z * self.half_width);
-        Some(0.5 * (1.0 - plane) - self.principal_offset)
+        Some(self.film(match self.projection {
+            Projection::Orthographic => l.truncate(),
+            Projection::Perspective => l.truncate() / l.z,
+        }))
     }
 
     /// A world point in camera coordinates; `None` behind the camera or clipped.
@@ -118,26 +157,29 @@ impl Camera {
     /// camera or clipped.
     pub fn connect(&self, p: Vec3, n: Vec3, lens: Vec2) -> Option<Connection> {
         let l = self.local(p)?;
-        let o = (self.aperture_radius * warp::disk(lens)).extend(0.0);
-        let through = (l - o) / l.z + o / self.focus_distance;
-        let plane = Vec2::new(through.x, through.y * self.aspect) / self.half_width;
+        // From the camera to the point, and where that meets the plane which the film is the picture of.
+        let (o, plane) = match self.projection {
+            Projection::Orthographic => (l.with_z(0.0), l.truncate()),
+            Projection::Perspective => {
+                let o = self.lens_point(lens);
+                (o, ((l - o) / l.z + o / self.focus_distance).truncate())
+            }
+        };
         let o = self.to_world.transform_point3(o);
-        // An area maps to (n·v)/det of its projection from the lens point, v the vector between, and shrinks with the
-        // depth cubed; at depth 1 the film measures 2·half_width each way, over the aspect ratio.
-        let film_area = 4.0 * self.half_width * self.half_width / self.aspect;
-        let scale = self.to_world.matrix3.determinant() * l.z * l.z * l.z * film_area;
-        Some(Connection {
-            lens: o,
-            film: 0.5 * (1.0 - plane) - self.principal_offset,
-            film_per_area: (n.dot(p - o) / scale).abs(),
-        })
+        // An area maps to (n·v)/det of its projection along v, the vector from the camera over its depth, and of that
+        // the film sees 2·half_width each way, over the aspect ratio. Lines of sight that meet shrink it with the depth
+        // squared.
+        let view_area = 4.0 * self.half_width * self.half_width / self.aspect;
+        let shrink = if self.projection == Projection::Perspective { l.z * l.z } else { 1.0 };
+        let scale = self.to_world.matrix3.determinant() * l.z * shrink * view_area;
+        Some(Connection { lens: o, film: self.film(plane), film_per_area: (n.dot(p - o) / scale).abs() })
     }
 }
 
 /// A surface point as the camera sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct Connection {
-    /// The point on the lens, world.
+    /// The point on the lens, world; of an orthographic camera the foot of the line of sight.
     pub lens: Vec3,
     /// Film position, as for [`Camera::ray`]; it may lie outside of the film.
     pub film: Vec2,
@@ -213,6 +255,38 @@ mod tests {
         }
     }
 
+    fn orthographic(scale: Vec3, aspect: f32) -> Camera {
+        let camera = Camera::orthographic(pose() * Affine3A::from_scale(scale), aspect).unwrap();
+        Camera { clip: (0.5, 30.0), ..camera }
+    }
+
+    #[test]
+    fn orthographic_rays_are_those_of_mitsuba() {
+        // Mitsuba 3.9.1, as above but orthographic, with a scale first: scale, film's aspect ratio, film sample, origin.
+        #[rustfmt::skip]
+        let table = [
+            ([1.0, 1.0, 1.0], 1.6, [0.1, 0.8], [0.174349, 1.427733, 3.146408]),
+            ([1.0, 1.0, 1.0], 1.6, [0.95, 0.2], [1.49727, 2.101124, 2.028856]),
+            ([2.0, 3.0, 1.0], 1.6, [0.1, 0.8], [-0.3568927, 0.7607776, 3.835939]),
+            ([2.0, 3.0, 1.0], 1.6, [0.95, 0.2], [2.116475, 2.768795, 1.291767]),
+            ([-1.0, 1.5, 2.0], 0.625, [0.1, 0.8], [1.618518, 0.2642942, 2.435767]),
+            ([-1.0, 1.5, 2.0], 0.625, [0.95, 0.2], [-0.539173, 2.791275, 2.057434]),
+        ];
+        for (scale, aspect, film, o) in table {
+            let camera = orthographic(Vec3::from(scale), aspect);
+            let ray = camera.ray(Vec2::from(film), Vec2::ZERO);
+            let near = ray.at(ray.t_min);
+            assert!(near.abs_diff_eq(Vec3::from(o), 3e-6), "{scale:?}: origin {near} is not {o:?}");
+            assert!(ray.d.abs_diff_eq(Vec3::new(-0.4163455, -0.4718583, -0.7771783), 1e-6));
+            assert!((ray.t_max - ray.t_min - 29.5 * scale[2]).abs() < 1e-4);
+            let seen = camera.project(ray.at(7.0)).unwrap();
+            assert!(seen.abs_diff_eq(Vec2::from(film), 1e-5), "{scale:?}: seen at {seen}");
+        }
+        assert!(Camera::orthographic(Affine3A::from_scale(Vec3::ZERO), 1.0).is_err());
+        assert!(Camera::orthographic(pose(), 0.0).is_err());
+        assert!(orthographic(Vec3::ONE, 1.0).project(pose().transform_point3(-Vec3::Z)).is_none());
+    }
+
     #[test]
     fn scale_in_the_transform_changes_no_direction() {
         let scaled =
@@ -235,6 +309,8 @@ mod tests {
             Camera { principal_offset: shift, ..camera(FovAxis::Y) },
             Camera { aperture_radius: 0.2, focus_distance: 4.0, ..camera(FovAxis::X) },
             Camera { aperture_radius: 0.3, focus_distance: 2.0, to_world: scaled, ..camera(FovAxis::X) },
+            orthographic(Vec3::ONE, 1.6),
+            orthographic(Vec3::new(-3.0, 2.0, 1.5), 0.7),
         ];
         for camera in cameras {
             for (film, lens) in

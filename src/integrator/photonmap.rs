@@ -351,7 +351,8 @@ impl Maps {
         scratch: &mut Scratch,
     ) -> (Levels, Levels) {
         let share = Share::BroadEye;
-        let caustics = Photons { depths: (2, max_depth), caustics: true };
+        // At depth 1 there are only beams.
+        let caustics = Photons { depths: (1, max_depth), caustics: true };
         let direct = params.direct == DirectLight::Map;
         let others = Photons { depths: (if direct { 1 } else { 2 }, max_depth), caustics: false };
         let (global, caustic) = (&self.global_estimator, &self.caustic_estimator);

@@ -32,7 +32,10 @@ impl Plan {
             skipped: Vec::new(),
         };
         if options.integrator == Kind::Path {
-            plan.skip_both("the path tracer uses no photons");
+            plan.skip_both(match scene.lights.have_beams() {
+                true => "the path tracer uses no photons, so it sees nothing of collimated light",
+                false => "the path tracer uses no photons",
+            });
             return plan;
         }
         let lobes = scene.lobes();
@@ -40,6 +43,8 @@ impl Plan {
             plan.skip_both("there are no lights");
         } else if !lobes.smooth {
             plan.skip_both("no surface scatters by anything but delta lobes, so no photon could be stored");
+        } else if scene.lights.have_beams() {
+            // They show where they land, on whatever surface.
         } else if params.max_segments() <= 2 && params.direct == super::DirectLight::Sample {
             plan.skip_both("max_depth leaves nothing but direct light");
         } else if !lobes.sharp {

@@ -1,4 +1,4 @@
-//! Area lights: a shape that emits from its front side (Mitsuba 3 `area`).
+//! Area lights: a shape that emits from its front side (Mitsuba 3 `area` and `directionalarea`).
 
 use super::{DirectSample, EmissionSample, Targets};
 use crate::math::{Discrete, Frame, Rgb, offset_origin, warp};
@@ -30,9 +30,13 @@ impl AreaSampler {
         }
     }
 
-    /// π · area · mean radiance. The mean of a texture is taken over 2¹⁶ evenly spread surface points.
-    pub(super) fn power(&self, shape: &Shape, radiance: Color, textures: &[Texture]) -> Rgb {
-        let mean = match radiance {
+    pub(super) fn area(&self) -> f32 {
+        self.area
+    }
+
+    /// Mean radiance, of a texture over 2¹⁶ evenly spread surface points.
+    pub(super) fn mean(&self, shape: &Shape, radiance: Color, textures: &[Texture]) -> Rgb {
+        match radiance {
             Color::Constant(c) => c,
             Color::Texture(_) => {
                 const N: u32 = 1 << 16;
@@ -47,8 +51,7 @@ impl AreaSampler {
                 }
                 Rgb::from_array(sum.map(|s| (s / N as f64) as f32))
             }
-        };
-        mean * PI * self.area
+        }
     }
 
     pub(super) fn direct(
@@ -119,6 +122,25 @@ impl AreaSampler {
             }
         };
         (flux != Rgb::ZERO && emits([point.n_g, point.n_s], d)).then(|| EmissionSample {
+            o: offset_origin(point.p, point.n_g, d, point.magnitude),
+            d,
+            flux,
+            light: 0,
+        })
+    }
+
+    /// A photon along the shading normal of a [`super::Light::DirectionalArea`], where Mitsuba sends it too.
+    pub(super) fn beam(
+        &self,
+        shape: &Shape,
+        radiance: Color,
+        textures: &[Texture],
+        u: Vec2,
+    ) -> Option<EmissionSample> {
+        let point = shape.sample_area(&self.distribution, u)?;
+        let flux = radiance.eval(textures, point.uv) * self.area;
+        let d = point.n_s.try_normalize()?;
+        (flux != Rgb::ZERO).then(|| EmissionSample {
             o: offset_origin(point.p, point.n_g, d, point.magnitude),
             d,
             flux,

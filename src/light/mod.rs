@@ -1,16 +1,24 @@
 //! Light sources: their radiance, direct sampling of them from a point, and emission of photons.
 //!
 //! Every light kind emits photons exactly as it lights directly: [`Lights::sample_emission`] and
-//! [`Lights::sample_direct`] describe one and the same radiance.
+//! [`Lights::sample_direct`] describe one and the same radiance. But for beams, which only photons can show: see
+//! [`Lights::is_beam`].
 
 mod area;
 mod distant;
 mod envmap;
+mod projector;
+mod sky;
 mod spot;
+mod sun;
+mod table;
 mod targets;
 
 pub use envmap::Envmap;
+pub use projector::Projector;
+pub use sky::Sky;
 pub use spot::Spot;
+pub use sun::Sun;
 pub use targets::Targets;
 
 use crate::math::{Discrete, Rgb, luminance, warp};
@@ -19,8 +27,8 @@ use crate::texture::{Color, Texture};
 use area::AreaSampler;
 use distant::World;
 use glam::{Vec2, Vec3};
-use spot::SpotTable;
 use std::f32::consts::PI;
+use table::Table;
 
 /// A direction towards a light, sampled from a point.
 #[derive(Clone, Copy, Debug)]
@@ -84,6 +92,28 @@ pub enum Light {
     },
     /// A distant image all around.
     Envmap(Envmap),
+    /// A clear sky.
+    Sky(Sky),
+    /// A distant disk.
+    Sun(Sun),
+    /// A point that throws a picture.
+    Projector(Projector),
+    /// A shape that emits along its shading normals only. See [`Lights::is_beam`].
+    DirectionalArea {
+        /// Index of the shape.
+        shape: u32,
+        /// Emitted flux per area, W per unit area: Mitsuba calls it radiance.
+        radiance: Color,
+    },
+    /// A ray of light. See [`Lights::is_beam`].
+    Collimated {
+        /// Where it starts.
+        position: Vec3,
+        /// Its direction, unit length.
+        direction: Vec3,
+        /// W.
+        power: Rgb,
+    },
 }
 
 /// What sampling a light needs besides the light, prepared once.
@@ -91,7 +121,7 @@ pub enum Light {
 enum Prepared {
     None,
     Area(AreaSampler),
-    Spot(SpotTable),
+    Table(Table),
 }
 
 /// All lights of a scene, and what is needed to choose among them.
@@ -117,11 +147,13 @@ impl Lights {
         let prepared: Vec<Prepared> = lights
             .iter()
             .map(|light| match light {
-                Light::Area { shape, .. } => geometry
+                Light::Area { shape, .. } | Light::DirectionalArea { shape, .. } => geometry
                     .shapes
                     .get(*shape as usize)
                     .map_or(Prepared::None, |s| Prepared::Area(AreaSampler::new(s))),
-                Light::Spot(spot) => Prepared::Spot(SpotTable::new(spot, textures)),
+                Light::Spot(spot) => Prepared::Table(spot.table(textures)),
+                Light::Projector(projector) => Prepared::Table(projector.table(textures)),
+                Light::Sky(sky) => Prepared::Table(sky.table()),
                 _ => Prepared::None,
             })
             .collect();
@@ -130,13 +162,21 @@ impl Lights {
             .zip(&prepared)
             .map(|(light, prepared)| match (light, prepared) {
                 (Light::Area { shape, radiance }, Prepared::Area(sampler)) => {
-                    sampler.power(&geometry.shapes[*shape as usize], *radiance, textures)
+                    sampler.mean(&geometry.shapes[*shape as usize], *radiance, textures)
+                        * (PI * sampler.area())
                 }
+                (Light::DirectionalArea { shape, radiance }, Prepared::Area(sampler)) => {
+                    sampler.mean(&geometry.shapes[*shape as usize], *radiance, textures) * sampler.area()
+                }
+                (Light::Collimated { power, .. }, _) => *power,
                 (Light::Point { intensity, .. }, _) => *intensity * (4.0 * PI),
-                (_, Prepared::Spot(table)) => table.power(),
+                (Light::Spot(spot), Prepared::Table(table)) => spot.power(table),
+                (Light::Projector(projector), Prepared::Table(table)) => projector.power(table),
                 (Light::Directional { irradiance, .. }, _) => *irradiance * world.cross_section(),
                 (Light::Constant { radiance }, _) => *radiance * (4.0 * PI * world.cross_section()),
                 (Light::Envmap(map), _) => map.integral() * world.cross_section(),
+                (Light::Sky(sky), Prepared::Table(table)) => sky.integral(table) * world.cross_section(),
+                (Light::Sun(sun), _) => sun.integral() * world.cross_section(),
                 _ => Rgb::ZERO,
             })
             .collect();
@@ -144,13 +184,15 @@ impl Lights {
         let by_power = Discrete::new(power.iter().map(|&p| weight(p)));
         let lit: Vec<bool> = lights
             .iter()
-            .zip(&power)
-            .map(|(light, &power)| match light {
+            .zip(prepared.iter().zip(&power))
+            .map(|(light, (prepared, &power))| match (light, prepared) {
                 // These light points outside of the geometry's bounds too.
-                Light::Directional { irradiance, .. } => weight(*irradiance) > 0.0,
-                Light::Constant { radiance } => weight(*radiance) > 0.0,
-                Light::Envmap(map) => weight(map.integral()) > 0.0,
-                _ => weight(power) > 0.0,
+                (Light::Directional { irradiance, .. }, _) => weight(*irradiance) > 0.0,
+                (Light::Constant { radiance }, _) => weight(*radiance) > 0.0,
+                (Light::Envmap(map), _) => weight(map.integral()) > 0.0,
+                (Light::Sky(_), Prepared::Table(table)) => weight(table.mean()) > 0.0,
+                (Light::Sun(sun), _) => weight(sun.integral()) > 0.0,
+                (beam, _) => !beam.is_beam() && weight(power) > 0.0,
             })
             .collect();
         let uniform = 0.5 / lit.iter().filter(|&&l| l).count().max(1) as f32;
@@ -158,9 +200,7 @@ impl Lights {
             let share = if by_power.total() > 0.0 { by_power.prob(i) } else { 0.0 };
             if lit[i] { uniform + 0.5 * share } else { 0.0 }
         }));
-        let environment = (0..lights.len() as u32)
-            .filter(|&i| matches!(lights[i as usize], Light::Constant { .. } | Light::Envmap(_)))
-            .collect();
+        let environment = (0..lights.len() as u32).filter(|&i| lights[i as usize].is_environment()).collect();
         Lights { lights, prepared, power, world, by_power, for_direct, environment }
     }
 
@@ -169,8 +209,19 @@ impl Lights {
         &self.lights
     }
 
+    /// Whether light `i` leaves each of its points in one direction only. No point finds the right one by sampling, so this
+    /// light's photons are all there is of it: wherever they land first counts as a caustic.
+    pub fn is_beam(&self, i: u32) -> bool {
+        self.lights[i as usize].is_beam()
+    }
+
+    /// Whether any light is a beam.
+    pub fn have_beams(&self) -> bool {
+        self.lights.iter().any(Light::is_beam)
+    }
+
     /// Analytic power of light `i`, W per channel; a distant light's is what it sends through the scene's bounding
-    /// sphere. For textured area lights and spotlights it is integrated numerically, and for smooth
+    /// sphere. For skies, spotlights and pictures it is integrated numerically, and for smooth
     /// meshes an upper bound; photons carry the exact flux.
     pub fn power(&self, i: u32) -> Rgb {
         self.power[i as usize]
@@ -207,7 +258,16 @@ impl Lights {
             }
             (Light::Constant { .. }, _) => return self.direct_background(warp::sphere(u)),
             (Light::Envmap(map), _) => return self.direct_background(map.sample(u)?),
-            (Light::Area { .. }, _) => return None,
+            (Light::Sky(sky), Prepared::Table(table)) => {
+                return self.direct_background(sky.sample(table, u)?);
+            }
+            (Light::Sun(sun), _) => return self.direct_background(sun.sample(u)),
+            (Light::Projector(projector), _) => projector.direct(textures, p)?,
+            // Not prepared, or beams.
+            (
+                Light::Area { .. } | Light::Sky(_) | Light::DirectionalArea { .. } | Light::Collimated { .. },
+                _,
+            ) => return None,
         };
         Some(DirectSample { weight: sample.weight / prob, pdf_w: sample.pdf_w * prob, ..sample })
     }
@@ -267,12 +327,14 @@ impl Lights {
     /// [`Lights::background`] and [`Lights::pdf_background_w`] at the price of one.
     pub fn background_with_pdf_w(&self, d: Vec3) -> (Rgb, f32) {
         self.environment.iter().fold((Rgb::ZERO, 0.0), |(radiance, pdf_w), &i| {
-            let (l, p) = match &self.lights[i as usize] {
-                Light::Constant { radiance } => (*radiance, warp::SPHERE_PDF_W),
-                Light::Envmap(map) => {
+            let (l, p) = match (&self.lights[i as usize], &self.prepared[i as usize]) {
+                (Light::Constant { radiance }, _) => (*radiance, warp::SPHERE_PDF_W),
+                (Light::Envmap(map), _) => {
                     let l = map.eval(d);
                     (l, map.pdf_w(l))
                 }
+                (Light::Sky(sky), Prepared::Table(table)) => (sky.eval(d), sky.pdf_w(table, d)),
+                (Light::Sun(sun), _) => (sun.eval(d), sun.pdf_w(d)),
                 _ => (Rgb::ZERO, 0.0),
             };
             (radiance + l, pdf_w + self.for_direct.prob(i as usize) * p)
@@ -302,7 +364,16 @@ impl Lights {
                 };
                 EmissionSample { o: *position, d, flux: *intensity / pdf_w, light: 0 }
             }
-            (Light::Spot(spot), Prepared::Spot(table)) => table.emission(spot, textures, targets, u_dir)?,
+            (Light::Spot(spot), Prepared::Table(table)) => spot.emission(table, textures, targets, u_dir)?,
+            (Light::Projector(projector), Prepared::Table(table)) => {
+                projector.emission(table, textures, targets, u_dir)?
+            }
+            (Light::Collimated { position, direction, power }, _) => {
+                EmissionSample { o: *position, d: *direction, flux: *power, light: 0 }
+            }
+            (Light::DirectionalArea { shape, radiance }, Prepared::Area(sampler)) => {
+                sampler.beam(&geometry.shapes[*shape as usize], *radiance, textures, u_pos)?
+            }
             (Light::Directional { direction, irradiance }, _) => {
                 self.world.emission(*direction, *irradiance, targets, u_pos)?
             }
@@ -312,15 +383,53 @@ impl Lights {
             (Light::Envmap(map), _) => {
                 let wi = map.sample(u_dir)?;
                 let radiance = map.eval(wi);
-                let pdf_w = map.pdf_w(radiance);
-                if pdf_w <= 0.0 {
-                    return None;
-                }
-                self.world.emission(-wi, radiance / pdf_w, targets, u_pos)?
+                self.distant(wi, radiance, map.pdf_w(radiance), targets, u_pos)?
             }
-            (Light::Area { .. } | Light::Spot(_), _) => return None,
+            (Light::Sky(sky), Prepared::Table(table)) => {
+                let wi = sky.sample(table, u_dir)?;
+                self.distant(wi, sky.eval(wi), sky.pdf_w(table, wi), targets, u_pos)?
+            }
+            (Light::Sun(sun), _) => {
+                let wi = sun.sample(u_dir);
+                self.distant(wi, sun.eval(wi), sun.pdf_w(wi), targets, u_pos)?
+            }
+            // Not prepared.
+            (
+                Light::Area { .. }
+                | Light::Spot(_)
+                | Light::Sky(_)
+                | Light::Projector(_)
+                | Light::DirectionalArea { .. },
+                _,
+            ) => return None,
         };
         Some(EmissionSample { flux: sample.flux / prob, light: i as u32, ..sample })
+    }
+
+    /// A photon of a distant light from the direction `wi`, sampled with `pdf_w`.
+    fn distant(
+        &self,
+        wi: Vec3,
+        radiance: Rgb,
+        pdf_w: f32,
+        targets: &Targets,
+        u_pos: Vec2,
+    ) -> Option<EmissionSample> {
+        if pdf_w <= 0.0 {
+            return None;
+        }
+        self.world.emission(-wi, radiance / pdf_w, targets, u_pos)
+    }
+}
+
+impl Light {
+    fn is_beam(&self) -> bool {
+        matches!(self, Light::DirectionalArea { .. } | Light::Collimated { .. })
+    }
+
+    /// Whether escaping rays see it.
+    fn is_environment(&self) -> bool {
+        matches!(self, Light::Constant { .. } | Light::Envmap(_) | Light::Sky(_) | Light::Sun(_))
     }
 }
 

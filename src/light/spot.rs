@@ -1,7 +1,8 @@
 //! Spotlights: a point with an angular falloff, optionally projecting a texture (Mitsuba 3 `spot`).
 
+use super::table::Table;
 use super::{DirectSample, EmissionSample, Targets};
-use crate::math::{Discrete, Rgb, luminance, warp};
+use crate::math::{Rgb, warp};
 use crate::texture::Texture;
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 
@@ -92,81 +93,42 @@ impl Spot {
             delta: true,
         })
     }
-}
 
-/// Importance of the directions in a spotlight's cone: piecewise constant over the unit square that
-/// [`warp::cone`] maps to the cone.
-#[derive(Clone, Debug)]
-pub(super) struct SpotTable {
-    rows: Discrete,
-    columns: Vec<Discrete>,
-    power: Rgb,
-}
-
-impl SpotTable {
-    /// Cells per axis; a single column does for a light without texture.
-    const SIZE: usize = 64;
-
-    /// Samples per cell and axis when a cell's mean is computed.
-    const SUB: usize = 4;
-
-    pub(super) fn new(spot: &Spot, textures: &[Texture]) -> SpotTable {
-        let (width, height) = (if spot.is_round() { 1 } else { Self::SIZE }, Self::SIZE);
-        let omc = spot.one_minus_cos();
-        let mut sum = [0.0f64; 3];
-        let mut cells = vec![0.0f32; width * height];
-        let fine = (width * Self::SUB, height * Self::SUB);
-        for y in 0..fine.1 {
-            for x in 0..fine.0 {
-                let u = (Vec2::new(x as f32, y as f32) + 0.5) / Vec2::new(fine.0 as f32, fine.1 as f32);
-                let l = warp::cone(u, omc);
-                let i = spot.intensity(textures, l) * spot.stretch(l);
-                cells[y / Self::SUB * width + x / Self::SUB] += luminance(i);
-                for (s, i) in sum.iter_mut().zip(i.to_array()) {
-                    *s += i as f64;
-                }
-            }
-        }
-        // What lies between the samples of a cell is still found, if rarely.
-        let floor = 0.01 * cells.iter().sum::<f32>() / cells.len() as f32;
-        let columns: Vec<Discrete> =
-            cells.chunks(width).map(|row| Discrete::new(row.iter().map(|w| w + floor))).collect();
-        let solid_angle = 2.0 * std::f64::consts::PI * omc as f64;
-        SpotTable {
-            rows: Discrete::new(columns.iter().map(|c| c.total() as f32)),
-            columns,
-            power: Rgb::from_array(sum.map(|s| (s / (fine.0 * fine.1) as f64 * solid_angle) as f32)),
-        }
+    /// Importance of the directions in the cone, over the unit square that [`warp::cone`] maps to it.
+    pub(super) fn table(&self, textures: &[Texture]) -> Table {
+        // A single column does for a light that only the angle to the axis matters for.
+        let size = (if self.is_round() { 1 } else { 64 }, 64);
+        Table::new(size, 4, |u| {
+            let l = warp::cone(u, self.one_minus_cos());
+            self.intensity(textures, l) * self.stretch(l)
+        })
     }
 
-    pub(super) fn power(&self) -> Rgb {
-        self.power
+    /// W, with the mean over the cone from [`Spot::table`].
+    pub(super) fn power(&self, table: &Table) -> Rgb {
+        table.mean() / warp::cone_pdf_w(self.one_minus_cos())
     }
 
     pub(super) fn emission(
         &self,
-        spot: &Spot,
+        table: &Table,
         textures: &[Texture],
         targets: &Targets,
         u: Vec2,
     ) -> Option<EmissionSample> {
-        if let Some(aim) = targets.aim_from(spot.position, None) {
-            let (d, pdf_w) = aim.sample(u)?;
-            let flux = spot.intensity(textures, (spot.to_local * d).try_normalize()?) / pdf_w;
-            return (flux != Rgb::ZERO).then_some(EmissionSample { o: spot.position, d, flux, light: 0 });
-        }
-        let (y, prob_y, v) = self.rows.sample(u.y)?;
-        let (x, prob_x, h) = self.columns[y].sample(u.x)?;
-        let omc = spot.one_minus_cos();
-        let (width, height) = (self.columns[y].len() as f32, self.columns.len() as f32);
-        let l = warp::cone(Vec2::new((x as f32 + h) / width, (y as f32 + v) / height), omc);
-        let pdf_w = prob_x * prob_y * (width * height) * warp::cone_pdf_w(omc);
-        let flux = spot.intensity(textures, l) * (spot.stretch(l) / pdf_w);
-        (flux != Rgb::ZERO).then(|| EmissionSample {
-            o: spot.position,
-            d: (spot.to_world * l).normalize(),
-            flux,
-            light: 0,
-        })
+        let (d, flux) = match targets.aim_from(self.position, None) {
+            Some(aim) => {
+                let (d, pdf_w) = aim.sample(u)?;
+                (d, self.intensity(textures, (self.to_local * d).try_normalize()?) / pdf_w)
+            }
+            None => {
+                let (p, density) = table.sample(u)?;
+                let omc = self.one_minus_cos();
+                let l = warp::cone(p, omc);
+                let pdf_w = density * warp::cone_pdf_w(omc);
+                ((self.to_world * l).normalize(), self.intensity(textures, l) * (self.stretch(l) / pdf_w))
+            }
+        };
+        (flux != Rgb::ZERO).then_some(EmissionSample { o: self.position, d, flux, light: 0 })
     }
 }

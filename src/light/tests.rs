@@ -44,15 +44,12 @@ impl Setup {
     }
 
     fn emission(&self, s: &mut Sampler) -> Option<EmissionSample> {
+        self.aimed_emission(&Targets::default(), s)
+    }
+
+    fn aimed_emission(&self, targets: &Targets, s: &mut Sampler) -> Option<EmissionSample> {
         let (u_light, u_pos, u_dir) = (s.next_1d(), s.next_2d(), s.next_2d());
-        self.lights.sample_emission(
-            &self.geometry,
-            &self.textures,
-            &Targets::default(),
-            u_light,
-            u_pos,
-            u_dir,
-        )
+        self.lights.sample_emission(&self.geometry, &self.textures, targets, u_light, u_pos, u_dir)
     }
 
     /// Mean of weight · `measure`(wi) over `n` samples from `p`.
@@ -108,6 +105,20 @@ fn spot(to_world: Affine3A, cutoff: f32, beam: f32, texture: Option<u32>) -> Lig
     Light::Spot(Spot::new(to_world, Rgb::new(5.0, 4.0, 3.0), cutoff, beam, texture).unwrap())
 }
 
+fn sky_of(sun: [f32; 3], turbidity: f32, albedo: [f32; 3]) -> Sky {
+    let sun = Vec3::from(sun).normalize();
+    Sky::new(Vec3::Z, sun, turbidity, Rgb::from(albedo), 1.0 / 106.750_26).unwrap()
+}
+
+fn sun_of(direction: [f32; 3], degrees: f32, irradiance: [f32; 3], limb: bool) -> Sun {
+    let direction = Vec3::from(direction).normalize();
+    Sun::new(direction, 0.5 * degrees.to_radians(), Rgb::from(irradiance), limb, Some(Vec3::Z)).unwrap()
+}
+
+fn projector(to_world: Affine3A, half_width: f32, aspect: f32, irradiance: Color) -> Light {
+    Light::Projector(Projector::new(to_world, half_width, aspect, irradiance, 2.0).unwrap())
+}
+
 /// The nearest hit by brute force.
 fn hit(shape: &Shape, ray: &Ray) -> Option<SurfacePoint> {
     let Shape::Mesh(mesh) = shape else {
@@ -154,6 +165,7 @@ fn every_kind() -> Vec<(&'static str, Setup)> {
         |d: Vec3| Light::Directional { direction: d.normalize(), irradiance: Rgb::new(1.0, 2.0, 3.0) };
     let envmap = |m| Light::Envmap(Envmap::new(sky(), 1.5, m).unwrap());
     let down = Affine3A::look_to_rh(Vec3::new(0.3, 0.2, 2.0), Vec3::new(0.1, 0.1, 1.0), Vec3::Y).inverse();
+    let low_sky = sky_of([0.8, -0.5, 0.2], 2.4, [0.1, 0.2, 0.3]);
     let squeezed = down * Affine3A::from_scale(Vec3::new(1.5, 0.7, 1.2));
     vec![
         ("sphere", Setup::area(sphere.clone(), WHITE)),
@@ -182,6 +194,15 @@ fn every_kind() -> Vec<(&'static str, Setup)> {
         ("constant", Setup::new(Light::Constant { radiance: Rgb::new(1.0, 2.0, 3.0) })),
         ("envmap", Setup::new(envmap(Affine3A::IDENTITY))),
         ("rotated envmap", Setup::new(envmap(rotated()))),
+        ("sky", Setup::new(Light::Sky(low_sky.clone()))),
+        ("hazy sky", Setup::new(Light::Sky(sky_of([0.0, 0.3, 1.0], 9.3, [0.4, 0.2, 0.1])))),
+        ("stretched sky", Setup::new(Light::Sky(low_sky.clone().stretched(1.4, false).unwrap()))),
+        ("extended sky", Setup::new(Light::Sky(low_sky.stretched(1.0, true).unwrap()))),
+        ("sun", Setup::new(Light::Sun(sun_of([0.4, -0.3, 0.8], 0.5358, [1.5, 1.2, 0.9], false)))),
+        ("dark rim", Setup::new(Light::Sun(sun_of([0.4, -0.3, 0.8], 0.5358, [1.5, 1.2, 0.9], true)))),
+        ("setting sun", Setup::new(Light::Sun(sun_of([0.4, -0.9, 0.15], 60.0, [1.5, 1.2, 0.9], true)))),
+        ("projector", Setup::new(projector(down, 0.6, 1.5, Color::Constant(Rgb::new(5.0, 4.0, 3.0))))),
+        ("textured projector", Setup::new(projector(down, 0.6, 0.8, Color::Texture(0)))),
     ]
 }
 
@@ -249,6 +270,227 @@ fn environment_maps_are_those_of_mitsuba() {
             );
         }
     }
+}
+
+#[test]
+fn skies_are_those_of_mitsuba() {
+    // Mitsuba 3.9.1, `eval` of `sunsky` without sun: its direction, turbidity, albedo, and radiance in these directions.
+    let directions = [
+        [0.0, 0.0, 1.0],
+        [1.0, 0.0, 0.02],
+        [0.3, 0.45, 0.75],
+        [-0.5, 0.2, 0.3],
+        [0.2, -0.9, 0.6],
+        [-0.7, -0.7, 0.001],
+    ];
+    #[rustfmt::skip]
+    let table = [
+        ([0.3, 0.4, 0.7], 3.0, [0.3, 0.3, 0.3], [[0.0302201, 0.0495898, 0.0975862], [0.15995, 0.203782, 0.234512], [0.160692, 0.188941, 0.224111], [0.0402533, 0.0744273, 0.14186], [0.0342438, 0.065472, 0.129046], [0.162035, 0.193596, 0.190048]]),
+        ([-0.9, 0.1, 0.2], 1.0, [0.0, 0.5, 1.0], [[0.00719801, 0.0191543, 0.0400134], [0.143238, 0.189251, 0.158877], [0.0110932, 0.02583, 0.0509334], [0.0338978, 0.0642775, 0.0998037], [0.0198915, 0.0409598, 0.0729387], [0.0976731, 0.134272, 0.108117]]),
+        ([0.5, -0.6, 0.05], 7.5, [0.2, 0.1, 0.0], [[0.00737211, 0.0114123, 0.0152041], [0.0585165, 0.0352093, 0.0162099], [0.0137796, 0.018219, 0.0204878], [0.0292447, 0.0343021, 0.0317148], [0.0516934, 0.044851, 0.0347859], [0.0143345, 0.0059846, 0.000549424]]),
+        ([0.0, 0.01, 1.0], 10.0, [1.0, 1.0, 1.0], [[1.03823, 0.963943, 0.998584], [0.325387, 0.273801, 0.262841], [0.210883, 0.240498, 0.270751], [0.157433, 0.175181, 0.212027], [0.149239, 0.169748, 0.209248], [0.34084, 0.245759, 0.218914]]),
+    ];
+    for (sun, turbidity, albedo, radiances) in table {
+        let sky = sky_of(sun, turbidity, albedo);
+        for (d, expected) in directions.into_iter().zip(radiances) {
+            let radiance = sky.eval(Vec3::from(d).normalize());
+            assert!(close(radiance, Rgb::from(expected), 1e-3), "{sun:?} {d:?}: {radiance}, {expected:?}");
+        }
+        assert_eq!(sky.eval(Vec3::new(0.6, 0.0, -0.001).normalize()), Rgb::ZERO);
+    }
+}
+
+#[test]
+fn skies_are_stretched_and_extended() {
+    let plain = sky_of([0.3, 0.4, 0.7], 3.0, [0.2; 3]);
+    let at = |degrees: f32| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        Vec3::new(0.6 * sin, -0.8 * sin, cos)
+    };
+    let stretched = plain.clone().stretched(1.5, false).unwrap();
+    for zenith in [0.0, 20.0, 89.0] {
+        let (a, b) = (plain.eval(at(zenith)), stretched.eval(at(1.5 * zenith)));
+        assert!(close(a, b, 1e-3), "{zenith}: {a} {b}");
+    }
+    assert_eq!(stretched.eval(at(136.0)), Rgb::ZERO);
+    let extended = plain.clone().stretched(1.0, true).unwrap();
+    assert!(close(plain.eval(at(80.0)), extended.eval(at(80.0)), 1e-4));
+    // 3x² − 2x³ at a quarter and at half of the way from the nadir to the horizon.
+    for (zenith, share) in [(157.5, 0.15625), (135.0, 0.5), (90.01, 1.0)] {
+        let (a, b) = (extended.eval(at(89.99427)) * share, extended.eval(at(zenith)));
+        assert!(close(a, b, 1e-2), "{zenith}: {a} {b}");
+    }
+}
+
+#[test]
+fn suns_are_those_of_mitsuba() {
+    // Mitsuba 3.9.1, `eval` of `sunsky` without sky: sun, irradiance it gives, its diameter in degrees, whether it is
+    // complex; radiance at 0, ½, 0.9 and 0.98 of its radius.
+    type Row = ([f32; 3], [f32; 3], f32, bool, [[f32; 3]; 4]);
+    let (high, low) = ([0.3, 0.4, 0.7], [-0.3, 0.2, 0.5]);
+    let (bright, hazy) = ([1.4892, 1.2401, 0.94288], [1.3346, 1.0982, 0.8396]);
+    let plain = [21728.9, 18094.6, 13757.7];
+    #[rustfmt::skip]
+    let table: [Row; 3] = [
+        (high, bright, 0.5358, false, [plain; 4]),
+        (high, bright, 0.5358, true, [[26196.4, 22637.3, 18210.9], [24597.4, 20981.1, 16539.3], [18619.5, 14938.5, 10660.0], [14245.1, 10687.1, 6836.76]]),
+        (low, hazy, 5.0, true, [[269.11, 229.763, 185.855], [253.396, 213.864, 169.99], [192.203, 152.78, 110.161], [147.128, 109.413, 70.7608]]),
+    ];
+    for (direction, irradiance, degrees, limb, radiances) in table {
+        let sun = sun_of(direction, degrees, irradiance, limb);
+        let frame = crate::math::Frame::from_normal(Vec3::from(direction).normalize());
+        let at = |share: f32| {
+            let (sin, cos) = (share * 0.5 * degrees.to_radians()).sin_cos();
+            sun.eval(frame.to_world(Vec3::new(0.6 * sin, 0.8 * sin, cos)))
+        };
+        for (share, expected) in [0.0, 0.5, 0.9, 0.98].into_iter().zip(radiances) {
+            assert!(close(at(share), Rgb::from(expected), 2e-2), "{share}: {} {expected:?}", at(share));
+        }
+        assert_eq!(at(1.01), Rgb::ZERO);
+        // Facing it, a surface receives the irradiance whatever the rim.
+        assert!(close(sun.integral(), Rgb::from(irradiance), 2e-3), "{}", sun.integral());
+    }
+    let set = Sun::new(Vec3::X, 0.1, Rgb::ONE, false, Some(Vec3::Z)).unwrap();
+    assert!(close(set.integral(), Rgb::splat(0.5), 2e-3));
+    for angle in [0.0, -1.0, 1.6, f32::NAN] {
+        assert!(Sun::new(Vec3::X, angle, Rgb::ONE, false, None).is_err());
+    }
+    for irradiance in [-1.0, f32::NAN, f32::INFINITY, 1e38] {
+        assert!(Sun::new(Vec3::X, 0.004, Rgb::splat(irradiance), false, None).is_err());
+    }
+}
+
+#[test]
+fn impossible_skies_are_refused() {
+    let new = |sun: Vec3, turbidity, albedo: f32, scale| {
+        Sky::new(Vec3::Z, sun.normalize(), turbidity, Rgb::splat(albedo), scale)
+    };
+    assert!(new(Vec3::X, 3.0, 0.2, 1.0).is_ok() && new(Vec3::Z, 10.0, 1.0, 0.0).is_ok());
+    assert!(new(Vec3::new(1.0, 0.0, -0.01), 3.0, 0.2, 1.0).unwrap_err().contains("horizon"));
+    for (turbidity, albedo, scale) in
+        [(0.9, 0.2, 1.0), (3.0, 1.1, 1.0), (3.0, 0.2, -1.0), (f32::NAN, 0.2, 1.0)]
+    {
+        assert!(new(Vec3::Z, turbidity, albedo, scale).is_err());
+    }
+    let sky = new(Vec3::Z, 3.0, 0.2, 1.0).unwrap();
+    for stretch in [0.9, 2.1, f32::NAN] {
+        assert!(sky.clone().stretched(stretch, true).is_err());
+    }
+}
+
+#[test]
+fn projectors_are_those_of_mitsuba() {
+    // Mitsuba 3.9.1, `sample_direction` of projectors with scale 2: a constant one with fov 45, a checkerboard with fov
+    // 60 and axis y, and the 8 × 5 image with fov 50 across the diagonal.
+    let points = [[-0.5, 0.35, 0.25], [-0.3, 0.9, 0.7], [0.6, 0.2, -0.4], [-1.5, 0.5, 0.5]];
+    #[rustfmt::skip]
+    let table = [
+        [[2.506587, 2.005269, 1.503952], [3.892797, 3.114238, 2.335678], [2.481884, 1.985507, 1.48913], [2.398297, 1.918638, 1.438978]],
+        [[0.1002635, 0.1503952, 0.4511856], [0.1557119, 0.2335678, 0.7007034], [0.3971015, 0.2481884, 0.04963768], [0.3837275, 0.2398297, 0.04796594]],
+        [[0.4243661, 1.002554, 0.4363858], [0.7911081, 0.9504241, 0.1915047], [0.1151973, 1.123295, 0.3838001], [0.8216712, 0.2507915, 0.3702884]],
+    ];
+    let tan = |degrees: f32| (0.5 * degrees.to_radians()).tan();
+    let picture = {
+        use crate::texture::{Bitmap, Interpolation, Wrap};
+        Bitmap::new(sky(), Interpolation::Bilinear, [Wrap::Clamp; 2], Affine2::IDENTITY).unwrap()
+    };
+    let textures = [checkerboard(), Texture::Bitmap(picture)];
+    let constant = Color::Constant(Rgb::new(5.0, 4.0, 3.0));
+    let diagonal = tan(50.0) / (1.0f32 + 0.625 * 0.625).sqrt();
+    let projectors =
+        [(tan(45.0), 1.0, constant), (tan(60.0), 1.0, Color::Texture(0)), (diagonal, 1.6, Color::Texture(1))];
+    for ((half_width, aspect, color), weights) in projectors.into_iter().zip(table) {
+        let projector = Projector::new(pose(), half_width, aspect, color, 2.0).unwrap();
+        for (p, expected) in points.into_iter().zip(weights) {
+            let s = projector.direct(&textures, Vec3::from(p)).unwrap();
+            assert!(close(s.weight, Rgb::from(expected), 5e-5), "{p:?}: {} is not {expected:?}", s.weight);
+        }
+        assert!(projector.direct(&textures, Vec3::new(3.0, 4.0, 6.0)).is_none(), "behind");
+        assert!(projector.direct(&textures, Vec3::new(-2.0, 5.0, 0.2)).is_none(), "beside");
+    }
+    let new = |m, half_width, aspect, scale| Projector::new(m, half_width, aspect, constant, scale);
+    assert!(new(Affine3A::from_scale(Vec3::splat(2.0)), 1.0, 1.0, 1.0).is_err());
+    for bad in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+        assert!(new(pose(), bad, 1.0, 1.0).is_err() && new(pose(), 1.0, bad, 1.0).is_err());
+        assert!(bad == 0.0 || new(pose(), 1.0, 1.0, bad).is_err());
+    }
+}
+
+/// The mean of 1/pdf is the solid angle of all that is sampled, and the pdf integrates to 1.
+#[test]
+fn skies_and_suns_are_sampled_by_their_pdfs() {
+    const N: u64 = 1 << 16;
+    let domains = [
+        ("sky", TAU64),
+        ("hazy sky", TAU64),
+        ("stretched sky", TAU64 * (1.0 - (0.7 * PI64).cos())),
+        ("extended sky", 2.0 * TAU64),
+        ("sun", TAU64 * (1.0 - 0.2679f64.to_radians().cos())),
+    ];
+    for (name, setup) in every_kind() {
+        let Some((_, solid_angle)) = domains.into_iter().find(|d| d.0 == name) else { continue };
+        let (mut mean, mut bright) = (0.0f64, 0.0f32);
+        for i in 0..N {
+            let Some(s) = setup.direct(Vec3::ZERO, &mut sampler(i)) else { continue };
+            assert_eq!(s.pdf_w, setup.lights.pdf_background_w(s.wi));
+            mean += 1.0 / s.pdf_w as f64 / N as f64;
+            bright = bright.max(luminance(s.weight));
+        }
+        assert!((mean / solid_angle - 1.0).abs() < 1e-2, "{name}: {mean} for {solid_angle}");
+        // No sample weighs much more than the mean.
+        let total = luminance(setup.lights.power(0)) / setup.lights.world.cross_section();
+        assert!(bright < 3.0 * total, "{name}: {bright} for {total}");
+        if name == "sun" {
+            continue;
+        }
+        let (nx, ny) = (512, 512);
+        let mut sum = 0.0;
+        for i in 0..nx * ny {
+            let (phi, z) = (
+                TAU64 * ((i % nx) as f64 + 0.5) / nx as f64,
+                2.0 * ((i / nx) as f64 + 0.5) / ny as f64 - 1.0,
+            );
+            let (sin, r) = (phi.sin(), (1.0 - z * z).sqrt());
+            let d = DVec3::new(r * phi.cos(), r * sin, z).as_vec3();
+            sum += setup.lights.pdf_background_w(d) as f64 * 2.0 * TAU64 / (nx * ny) as f64;
+        }
+        assert!((sum - 1.0).abs() < 1e-2, "{name}: the pdf integrates to {sum}");
+    }
+}
+
+#[test]
+fn beams_are_only_emitted() {
+    const N: u64 = 1 << 14;
+    let disk = Shape::Disk(Disk::new(tilted(Vec3::splat(0.5)), false).unwrap());
+    let ball = Shape::Sphere(Sphere::new(Vec3::new(0.3, 0.1, 2.0), 0.7, Affine3A::IDENTITY, false).unwrap());
+    for (shape, color, mean) in [(disk, WHITE, Rgb::ONE), (ball, Color::Texture(0), Rgb::new(0.5, 0.4, 0.5))]
+    {
+        let area = shape.area();
+        let geometry = Geometry { shapes: vec![shape.clone()] };
+        let textures = vec![checkerboard()];
+        let light = Light::DirectionalArea { shape: 0, radiance: color };
+        let lights = Lights::new(vec![light], &geometry, &textures);
+        assert!(close(lights.power(0), mean * area, 2e-2), "{} {}", lights.power(0), mean * area);
+        assert!(lights.is_beam(0) && lights.have_beams());
+        let setup = Setup { geometry, textures, lights };
+        assert!((0..100).all(|i| setup.direct(Vec3::ZERO, &mut sampler(i)).is_none()));
+        let up = [Vec3::Z; 2];
+        assert_eq!(setup.lights.emitted(0, &setup.textures, Vec2::ZERO, up, Vec3::Z), Rgb::ZERO);
+        let mut sum = Rgb::ZERO;
+        for i in 0..N {
+            let e = setup.emission(&mut sampler(i)).unwrap();
+            sum += e.flux / N as f32;
+            // Back from where it started it meets the lamp at right angles.
+            let back = hit(&shape, &Ray::new(e.o + e.d, -e.d)).unwrap();
+            assert!(back.n_g.dot(e.d) > 0.999 && back.p.distance(e.o) < 1e-4);
+        }
+        assert!(close(sum, setup.lights.power(0), 1e-2), "{sum} {}", setup.lights.power(0));
+    }
+    let (position, direction) = (Vec3::new(1.0, 2.0, 3.0), Vec3::NEG_Z);
+    let setup = Setup::new(Light::Collimated { position, direction, power: Rgb::new(1.0, 2.0, 3.0) });
+    let e = setup.emission(&mut sampler(0)).unwrap();
+    assert_eq!((e.o, e.d, e.flux), (position, direction, Rgb::new(1.0, 2.0, 3.0)));
+    assert!(setup.direct(Vec3::new(1.0, 2.0, 0.0), &mut sampler(0)).is_none());
 }
 
 #[test]
@@ -531,22 +773,32 @@ fn powers_are_analytic() {
     let white = Image { width: 7, height: 4, pixels: vec![e; 28] };
     let map = Light::Envmap(Envmap::new(white, 1.0, rotated()).unwrap());
     assert!(close(power(map), e * (PI * PI * 4.0 * r2), 1e-5));
+    let sun = Light::Sun(sun_of([0.4, -0.3, 0.8], 0.5358, e.to_array(), true));
+    assert!(close(power(sun), e * PI * r2, 2e-3));
+    // π · scale · irradiance · area at distance 1.
+    let constant = projector(pose(), 0.6, 1.5, Color::Constant(e));
+    assert!(close(power(constant), e * (PI * 2.0 * 1.2 * 0.8), 1e-5));
     let disk = Disk::new(Affine3A::from_scale(Vec3::new(2.0, 3.0, 1.0)), false).unwrap();
     assert!(close(Setup::area(Shape::Disk(disk), WHITE).lights.power(0), Rgb::splat(PI * PI * 6.0), 1e-5));
 }
 
-/// Flux through a disk at the origin, from above: counted photons against direct sampling.
+/// Flux through a disk at the origin, from above: counted photons, aimed and not, against direct sampling.
 #[test]
 fn emission_and_direct_light_agree() {
     const N: u64 = 1 << 18;
     const RADIUS: f32 = 0.8;
+    let disk =
+        crate::shape::Bounds { min: Vec3::new(-RADIUS, -RADIUS, 0.0), max: Vec3::new(RADIUS, RADIUS, 0.0) };
+    // No light's own shape.
+    let around = Targets::new([(7, disk)].into_iter());
     for (name, setup) in every_kind() {
-        let (mut photons, mut direct) = ([0.0f64; 3], [0.0f64; 3]);
+        let (mut photons, mut aimed, mut direct) = ([0.0f64; 3], [0.0f64; 3], [0.0f64; 3]);
         for i in 0..N {
-            if let Some(e) = setup.emission(&mut sampler(i)) {
+            for (targets, sum) in [(&Targets::default(), &mut photons), (&around, &mut aimed)] {
+                let Some(e) = setup.aimed_emission(targets, &mut sampler(i)) else { continue };
                 let t = -e.o.z / e.d.z;
                 if e.d.z < 0.0 && t > 0.0 && (e.o + e.d * t).truncate().length() < RADIUS {
-                    for (s, f) in photons.iter_mut().zip(e.flux.to_array()) {
+                    for (s, f) in sum.iter_mut().zip(e.flux.to_array()) {
                         *s += f as f64;
                     }
                 }
@@ -563,10 +815,11 @@ fn emission_and_direct_light_agree() {
             }
         }
         let mean = |sum: [f64; 3]| Rgb::from_array(sum.map(|s| (s / N as f64) as f32));
-        let (photons, direct) = (mean(photons), mean(direct));
+        let (photons, aimed, direct) = (mean(photons), mean(aimed), mean(direct));
         assert!(direct.min_element() > 0.0, "{name} does not reach the disk");
         // Some per cent of the photons arrive: three standard deviations, were they independent.
         assert!(close(photons, direct, 0.015), "{name}: {photons} by photons, {direct} directly");
+        assert!(close(aimed, direct, 0.015), "{name}: {aimed} by aimed photons, {direct} directly");
     }
 }
 
@@ -599,9 +852,15 @@ fn every_light_is_reachable_but_black_ones() {
 fn several_environments_are_sampled_together() {
     let geometry = Setup::new(Light::Constant { radiance: Rgb::ONE }).geometry;
     let map = Envmap::new(sky(), 1.5, rotated()).unwrap();
-    let expected = map.integral() + Rgb::splat(0.5 * 4.0 * PI);
-    let all = vec![Light::Envmap(map), Light::Constant { radiance: Rgb::splat(0.5) }];
+    let all = vec![
+        Light::Envmap(map),
+        Light::Constant { radiance: Rgb::splat(0.5) },
+        Light::Sky(sky_of([0.8, -0.5, 0.2], 2.4, [0.3; 3])),
+        Light::Sun(sun_of([0.8, -0.5, 0.2], 0.5358, [20.0, 15.0, 10.0], false)),
+    ];
     let lights = Lights::new(all, &geometry, &[]);
+    let total = (0..4).fold(Rgb::ZERO, |sum, i| sum + lights.power(i));
+    let expected = total / lights.world.cross_section();
     let mut sum = Rgb::ZERO;
     for i in 0..1 << 14 {
         let mut s = sampler(i);

@@ -14,7 +14,7 @@ pub enum Store {
     /// All light.
     All,
     /// Only the caustic share: light that has met nothing but sharp lobes (see [`crate::bsdf::Share::BroadLight`]),
-    /// and at least one.
+    /// and at least one unless it left its lamp as a beam.
     Caustic,
 }
 
@@ -93,6 +93,7 @@ fn trace_one(
     let mut flux = start.flux * scale;
     // The share of the flux that has met only sharp lobes so far.
     let mut caustic = flux;
+    let beam = scene.lights.is_beam(start.light);
     for depth in 1..=max_depth.min(u8::MAX as u32) {
         out.rays += 1;
         let Some(s) = scene.hit(&ray) else { return };
@@ -103,7 +104,7 @@ fn trace_one(
                     out.photons.push(Photon { p: s.p, wi, n_g: s.n_g, flux, depth: depth as u8, caustic });
                 }
             };
-            let shown = if depth == 1 { Rgb::ZERO } else { caustic };
+            let shown = if depth == 1 && !beam { Rgb::ZERO } else { caustic };
             push(shown, true);
             if store == Store::All {
                 push((flux - shown).max(Rgb::ZERO), false);

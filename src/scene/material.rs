@@ -39,8 +39,6 @@ pub struct Site {
     pub from_front: bool,
     /// ∂p/∂u and ∂p/∂v in the local frame; of no meaning unless [`Material::needs_tangent`].
     pub partials: [Vec3; 2],
-    /// Whether a mesh's texture coordinates are mirrored there; likewise.
-    pub mirrored: bool,
 }
 
 /// What kinds of lobes a material has, whatever its textures say.
@@ -305,10 +303,7 @@ impl Material {
                 })
             }
             Material::NormalMap { normals, nested, rules } => {
-                let mut n = 2.0 * color(normals) - Vec3::ONE;
-                if site.mirrored {
-                    n.y = -n.y; // the frame is right-handed
-                }
+                let n = 2.0 * color(normals) - Vec3::ONE;
                 nested.bsdf(textures, site).perturbed(n.try_normalize().unwrap_or(Vec3::Z), Vec3::X, *rules)
             }
             Material::BumpMap { height, scale, nested, rules } => {

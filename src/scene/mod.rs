@@ -1,6 +1,7 @@
 //! A scene owns everything by `Vec` and names it by `u32` index. Loaders fill a [`SceneDescription`]; [`Scene::new`]
 //! builds the acceleration structure and prepares the lights.
 
+mod daylight;
 mod fingerprint;
 mod ior;
 mod load;
@@ -22,7 +23,7 @@ use crate::camera::Camera;
 use crate::film::FilmSettings;
 use crate::light::{Light, Lights, Targets};
 use crate::math::{Frame, Ray, Rgb, offset_origin};
-use crate::shape::{Bounds, Facet, Facets, Geometry, Hit, Shape};
+use crate::shape::{Bounds, Facet, Facets, Geometry, Hit};
 use crate::texture::Texture;
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
@@ -140,7 +141,7 @@ impl Scene {
         let lights = Lights::new(d.lights, &d.geometry, &d.textures);
         let mut shape_light = vec![None; d.geometry.shapes.len()];
         for (i, light) in lights.lights().iter().enumerate() {
-            if let Light::Area { shape, .. } = light {
+            if let Light::Area { shape, .. } | Light::DirectionalArea { shape, .. } = light {
                 shape_light[*shape as usize] = Some(i as u32);
             }
         }
@@ -208,11 +209,7 @@ impl Scene {
         } else {
             (Frame::from_normal(point.n_s), [Vec3::ZERO; 2])
         };
-        let from_front = ray.d.dot(point.n_s) <= 0.0;
-        // As in Mitsuba 3.9, which takes all other shapes for right-handed.
-        let mirrored = partials[0].cross(partials[1]).z < 0.0
-            && matches!(shape, Shape::Mesh(mesh) if !mesh.uvs.is_empty());
-        let site = Site { uv: point.uv, from_front, partials, mirrored };
+        let site = Site { uv: point.uv, from_front: ray.d.dot(point.n_s) <= 0.0, partials };
         Surface {
             p: point.p,
             n_g: point.n_g,

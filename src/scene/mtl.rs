@@ -17,7 +17,7 @@ use super::material::{Material, Roughness};
 use super::place::{Placement, look_at, place};
 use super::{SceneDescription, obj};
 use crate::bsdf::{Distribution, RoughCoating};
-use crate::camera::Camera;
+use crate::camera::{Camera, Projection};
 use crate::film::{FilmSettings, Filter};
 use crate::image_io::{self, Encoding};
 use crate::light::Light;
@@ -128,6 +128,7 @@ fn camera(bounds: Bounds, aspect: f32) -> Camera {
     let to_world = look_at(eye, center, DVec3::Y).unwrap_or(glam::DMat4::IDENTITY);
     Camera {
         to_world: Affine3A::from_mat4(Mat4::from_cols_array(&to_world.to_cols_array().map(|x| x as f32))),
+        projection: Projection::Perspective,
         half_width,
         aspect,
         principal_offset: Vec2::ZERO,

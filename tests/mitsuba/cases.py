@@ -204,6 +204,10 @@ SCENES = {
 }
 
 
+# A point light behind something that paths from the eye meet only by chance, and the light not at all.
+HIDDEN_FROM_PATHS = {"mask twosided point"}
+
+
 def scenes():
     """Name and text of each."""
     for name, material in BSDFS.items():

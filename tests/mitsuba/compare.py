@@ -8,7 +8,8 @@ scene or two for each texture, light, sensor and shape. 16 images of 16 samples 
 their variances on both sides, whatever they are. To pass, a case must hold
   blocks   over 4x4-pixel blocks the RMS of Welch's t is at most 1.5 (1 is what chance makes of equal images)
   bias     the means of each channel agree within 1 %, or within three of their standard errors
-and `photonmap` must agree with `path` in the means within 1 %, or three standard errors.
+and `photonmap` must agree with `path` in the means within 1 %, or three standard errors, unless a point light shines through
+holes, glass or a beam where no path from the eye finds it: there it may be brighter.
 One line per case; exit status 1 if one failed."""
 
 import argparse
@@ -104,6 +105,8 @@ def main():
             rms = float(np.sqrt((welch(blocks(ours), blocks(theirs)) ** 2).mean()))
             path_bias, path_error = bias(ours, theirs)
             map_bias, map_error = bias(photons, ours)
+            if name in cases.HIDDEN_FROM_PATHS:
+                map_bias = np.minimum(map_bias, 0)
             ok = rms <= 1.5 and agrees(path_bias, path_error) and agrees(map_bias, map_error)
             failed += not ok
             print(

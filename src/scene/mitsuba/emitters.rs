@@ -2,36 +2,65 @@
 
 use super::Loader;
 use super::props::{Props, to_f32, vec3};
+use super::sensor::half_width;
 use super::textures::gamma;
 use crate::Result;
 use crate::image_io::{self, Encoding};
-use crate::light::{Envmap, Light, Spot};
+use crate::light::{Envmap, Light, Projector, Spot};
 use crate::math::Rgb;
 use crate::scene::spectrum::Role;
-use crate::texture::Color;
+use crate::texture::{Color, Texture};
 use glam::Vec3;
 
-const KNOWN: &str = "area (inside a shape), point, spot, directional, constant, envmap";
+const KNOWN: &str = "area and directionalarea (inside a shape), point, spot, projector, directional, collimated, constant, \
+                     envmap, sunsky";
+
+/// Emitters that are no shapes.
+const FREE: [&str; 10] =
+    ["point", "spot", "projector", "directional", "collimated", "constant", "envmap", "sunsky", "sky", "sun"];
 
 impl<'a> Loader<'a> {
-    /// The radiance of an `area` emitter.
-    pub(super) fn area_radiance(&mut self, props: Props<'a>) -> Result<Color> {
-        if props.plugin() != "area" {
-            let known = ["point", "spot", "directional", "constant", "envmap"].contains(&props.plugin());
-            return Err(if known {
-                props.error(format!("{} cannot stand inside a shape, only 'area' can", props.title()))
-            } else {
-                props.unknown_plugin(KNOWN)
-            });
-        }
+    /// The light that a shape is.
+    pub(super) fn shape_light(&mut self, props: Props<'a>, shape: u32) -> Result<Light> {
+        let beam = match props.plugin() {
+            "area" => false,
+            "directionalarea" => true,
+            plugin if FREE.contains(&plugin) => {
+                let message = format!(
+                    "{} cannot stand inside a shape, only 'area' and 'directionalarea' can",
+                    props.title()
+                );
+                return Err(props.error(message));
+            }
+            _ => return Err(props.unknown_plugin(KNOWN)),
+        };
         let radiance = self.color(props, "radiance", Role::Emission, Rgb::ONE)?;
         finish(props)?;
-        Ok(radiance)
+        Ok(if beam { Light::DirectionalArea { shape, radiance } } else { Light::Area { shape, radiance } })
     }
 
     /// An emitter directly inside the scene.
     pub(super) fn emitter(&mut self, props: Props<'a>) -> Result<()> {
-        let light = match props.plugin() {
+        let lights = match props.plugin() {
+            "sunsky" if !props.object.old => self.sunsky(props)?,
+            "sky" | "sun" if !props.object.old => {
+                let message = format!("{} is of Mitsuba 0.6: use 'sunsky' here", props.title());
+                return Err(props.error(message));
+            }
+            "sunsky" | "sky" | "sun" => self.old_daylight(props)?,
+            "timed_sunsky" => {
+                let message = "time stands still here: use 'sunsky' with one sun instead of 'timed_sunsky'";
+                return Err(props.error(message));
+            }
+            _ => vec![self.single_light(props)?],
+        };
+        finish(props)?;
+        self.lights.extend(lights);
+        Ok(())
+    }
+
+    fn single_light(&mut self, props: Props<'a>) -> Result<Light> {
+        Ok(match props.plugin() {
             "point" => Light::Point {
                 position: self.either_or(props, "position", |m| m.translation.into())?,
                 intensity: self.constant_color(props, "intensity", Role::Emission, Rgb::ONE)?,
@@ -69,12 +98,39 @@ impl<'a> Loader<'a> {
                 Light::Spot(spot.map_err(|message| props.error(message))?)
             }
             "envmap" => self.envmap(props)?,
-            "area" => return Err(props.error("an area emitter belongs inside a shape")),
+            "projector" => self.projector(props)?,
+            "collimated" => {
+                let m = to_f32(props.to_world()?);
+                let direction = Vec3::from(m.matrix3.z_axis);
+                if (direction.length() - 1.0).abs() > 1e-3 {
+                    return Err(props.error_at("to_world", "the transform of a beam must not scale"));
+                }
+                Light::Collimated {
+                    position: m.translation.into(),
+                    direction: direction.normalize(),
+                    power: self.constant_color(props, "power", Role::Emission, Rgb::ONE)?,
+                }
+            }
+            "area" | "directionalarea" => {
+                return Err(props.error(format!("{} belongs inside a shape", props.title())));
+            }
             _ => return Err(props.unknown_plugin(KNOWN)),
+        })
+    }
+
+    fn projector(&mut self, props: Props<'a>) -> Result<Light> {
+        let irradiance = self.color(props, "irradiance", Role::Emission, Rgb::ONE)?;
+        // What has no pixels is square.
+        let aspect = match irradiance {
+            Color::Texture(i) => match &self.textures[i as usize] {
+                Texture::Bitmap(bitmap) => bitmap.size().0 as f32 / bitmap.size().1 as f32,
+                _ => 1.0,
+            },
+            Color::Constant(_) => 1.0,
         };
-        finish(props)?;
-        self.lights.push(light);
-        Ok(())
+        let (half_width, scale) = (half_width(props, aspect)?, props.float("scale", 1.0)?);
+        let projector = Projector::new(to_f32(props.to_world()?), half_width, aspect, irradiance, scale);
+        projector.map(Light::Projector).map_err(|message| props.error(message))
     }
 
     /// A vector given directly, or taken from `to_world`.

@@ -2,6 +2,7 @@
 //! of plugin each.
 
 mod bsdfs;
+mod daylight;
 mod emitters;
 mod props;
 mod sensor;

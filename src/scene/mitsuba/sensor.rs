@@ -3,7 +3,7 @@
 use super::Loader;
 use super::props::{Props, to_f32};
 use crate::Result;
-use crate::camera::Camera;
+use crate::camera::{Camera, Projection};
 use crate::film::{FilmSettings, Filter};
 use glam::Vec2;
 
@@ -25,11 +25,18 @@ enum Axis {
 
 impl<'a> Loader<'a> {
     pub(super) fn sensor(&mut self, props: Props<'a>, size: Option<(u32, u32)>) -> Result<Sensor> {
-        let thin_lens = match props.plugin() {
-            "perspective" => false,
-            "thinlens" => true,
-            _ => return Err(props.unknown_plugin("perspective, thinlens")),
+        let (projection, thin_lens) = match props.plugin() {
+            "perspective" => (Projection::Perspective, false),
+            "thinlens" => (Projection::Perspective, true),
+            "orthographic" => (Projection::Orthographic, false),
+            plugin => match REFUSED.iter().find(|(name, _)| *name == plugin) {
+                Some((_, instead)) => {
+                    return Err(props.error(format!("{} is not supported: {instead}", props.title())));
+                }
+                None => return Err(props.unknown_plugin("perspective, thinlens, orthographic")),
+            },
         };
+        let perspective = projection == Projection::Perspective;
         let (mut film, mut sample_count) = (None, 4);
         for (child, pos) in props.children()? {
             match child.object.tag.as_str() {
@@ -48,7 +55,7 @@ impl<'a> Loader<'a> {
         let aspect = film.size.0 as f32 / film.size.1 as f32;
         let to_world = props.to_world()?;
         let axes = [to_world.matrix3.x_axis, to_world.matrix3.y_axis, to_world.matrix3.z_axis];
-        if axes.iter().any(|a| (a.length() - 1.0).abs() > 1e-3) {
+        if perspective && axes.iter().any(|a| (a.length() - 1.0).abs() > 1e-3) {
             return Err(props.error_at("to_world", "the transform of a sensor must not scale"));
         }
         let near = props.opt_float("near_clip")?;
@@ -70,10 +77,14 @@ impl<'a> Loader<'a> {
         if !(aperture_radius >= 0.0 && focus_distance > 0.0) {
             return Err(props.error("'aperture_radius' must not be negative, and 'focus_distance' positive"));
         }
-        let half_width = half_width(props, aspect)?;
         let offset = |name| props.float(name, 0.0);
-        let principal_offset =
-            Vec2::new(offset("principal_point_offset_x")?, offset("principal_point_offset_y")?);
+        let (half_width, principal_offset) = match projection {
+            Projection::Perspective => (
+                half_width(props, aspect)?,
+                Vec2::new(offset("principal_point_offset_x")?, offset("principal_point_offset_y")?),
+            ),
+            Projection::Orthographic => (1.0, Vec2::ZERO),
+        };
         let (open, close) = (props.float("shutter_open", 0.0)?, props.float("shutter_close", 0.0)?);
         if open != close {
             self.warn_at(props.pos("shutter_close"), "nothing moves: the shutter's times have no effect");
@@ -81,6 +92,7 @@ impl<'a> Loader<'a> {
         props.finish()?;
         let camera = Camera {
             to_world: to_f32(to_world),
+            projection,
             half_width,
             aspect,
             principal_offset,
@@ -171,8 +183,26 @@ impl<'a> Loader<'a> {
 /// Width and height of Mitsuba's film.
 const DEFAULT_SIZE: (u32, u32) = (768, 576);
 
-/// tan(fov_x / 2).
-fn half_width(props: Props, aspect: f32) -> Result<f32> {
+/// Sensors of Mitsuba 3 and 0.6 that take no picture that this renderer could, and what to do.
+const REFUSED: [(&str, &str); 8] = [
+    ("radiancemeter", "it measures a single ray, use a 'perspective' of narrow field of view"),
+    (
+        "irradiancemeter",
+        "it measures light on a shape, use an 'orthographic' that looks at a white diffuse surface there",
+    ),
+    (
+        "fluencemeter",
+        "it measures light at a point, use a 'perspective' that looks at a white diffuse surface there",
+    ),
+    ("distant", "it sees the scene from infinitely far away, use an 'orthographic' from outside of it"),
+    ("batch", "it holds several views, render each on its own"),
+    ("spherical", "it sees all around, use several views of 'perspective'"),
+    ("telecentric", "use 'orthographic', which is the same without a lens"),
+    ("perspective_rdist", "use 'perspective', which is the same without distortion"),
+];
+
+/// tan(fov_x / 2), which `fov`, `fov_axis` or `focal_length` tell.
+pub(super) fn half_width(props: Props, aspect: f32) -> Result<f32> {
     let aspect = aspect as f64;
     let half_tan = |degrees: f64| (0.5 * degrees.to_radians()).tan();
     let from_diagonal = |half: f64| half / (1.0 + 1.0 / (aspect * aspect)).sqrt();

@@ -3,7 +3,6 @@
 use super::Loader;
 use super::props::{Props, to_f32};
 use super::xml::Pos;
-use crate::light::Light;
 use crate::scene::material::Material;
 use crate::scene::place::{Placement, place};
 use crate::scene::{obj, ply, serialized};
@@ -78,8 +77,8 @@ impl<'a> Loader<'a> {
             None => self.default_material(light.is_some()),
         };
         if let Some(emitter) = light {
-            let radiance = self.area_radiance(emitter)?;
-            self.lights.push(Light::Area { shape: index, radiance });
+            let light = self.shape_light(emitter, index)?;
+            self.lights.push(light);
             self.emitters.push((index, emitter));
         }
         // How Mitsuba differentiates silhouettes.

@@ -1,8 +1,9 @@
 //! Small scenes: what they load to, and that every mistake names its file and line.
 
 use crate::bsdf::{Distribution, WardVariant};
+use crate::camera::Projection;
 use crate::film::Filter;
-use crate::light::Light;
+use crate::light::{Light, Lights};
 use crate::math::Rgb;
 use crate::scene::{Material, SceneDescription, load};
 use crate::shape::Shape;
@@ -330,6 +331,188 @@ fn emitters() {
 }
 
 #[test]
+fn other_emitters() {
+    let scene = load_body(
+        "<emitter type='projector'><float name='scale' value='2'/><float name='fov' value='90'/></emitter>\
+         <emitter type='collimated'><rgb name='power' value='1 2 3'/><transform name='to_world'>\
+         <rotate y='1' angle='90'/><translate x='4'/></transform></emitter>\
+         <shape type='disk'><emitter type='directionalarea'><rgb name='radiance' value='2'/></emitter></shape>",
+    )
+    .unwrap();
+    let [
+        Light::Projector(_),
+        Light::Collimated { position, direction, power },
+        Light::DirectionalArea { shape: 0, radiance },
+    ] = &scene.lights[..]
+    else {
+        panic!("{:?}", scene.lights)
+    };
+    assert_eq!((*position, *power), (Vec3::new(4.0, 0.0, 0.0), Rgb::new(1.0, 2.0, 3.0)));
+    assert!(direction.distance(Vec3::X) < 1e-6);
+    assert_eq!(*radiance, Color::Constant(Rgb::splat(2.0)));
+    // π · scale · area at distance 1.
+    let lights = Lights::new(scene.lights, &scene.geometry, &scene.textures);
+    assert!((lights.power(0).x / (std::f32::consts::PI * 2.0 * 4.0) - 1.0).abs() < 1e-5);
+}
+
+/// The lights, seen from a scene without shapes.
+fn shining(lights: Vec<Light>) -> impl Fn([f32; 3]) -> Rgb {
+    let lights = Lights::new(lights, &Default::default(), &[]);
+    move |d| lights.background(Vec3::from(d).normalize())
+}
+
+/// Where the only light is.
+fn towards(lights: Vec<Light>) -> Vec3 {
+    let lights = Lights::new(lights, &Default::default(), &[]);
+    let sample = lights.sample_direct(&Default::default(), &[], Vec3::ZERO, 0.5, Vec2::splat(1e-6));
+    sample.unwrap().wi
+}
+
+fn near(a: Rgb, b: [f32; 3], relative: f32, what: &str) {
+    let b = Rgb::from(b);
+    assert!(((a - b).abs() / b).max_element() < relative, "{what}: {a} is not {b}");
+}
+
+#[test]
+fn skies() {
+    let emitter = |parameters: &str| {
+        let shape = "<shape type='cube'/>";
+        load_body(&format!("<emitter type='sunsky'>{parameters}</emitter>{shape}")).unwrap()
+    };
+    let lights = |parameters: &str| emitter(parameters).lights;
+    // Mitsuba 3.9.1, whose single precision puts the sun off by up to 0.2°: the sun's direction, and radiance in
+    // these.
+    let directions = [[0.0, 0.0, 1.0], [0.3, 0.9, 0.4], [-0.5, 0.6, 0.1]];
+    let vienna = "<integer name='year' value='2024'/><integer name='month' value='1'/><integer name='day' value='5'/>\
+                  <float name='hour' value='10'/><float name='minute' value='30'/><float name='second' value='12'/>\
+                  <float name='latitude' value='48.2'/><float name='longitude' value='16.4'/>\
+                  <float name='timezone' value='1'/>";
+    #[rustfmt::skip]
+    let table = [
+        ("", [0.0513854, 0.691748, 0.720308], [[0.0243511, 0.0423087, 0.0855948], [0.125484, 0.17138, 0.239736], [0.135496, 0.195307, 0.270443]]),
+        (vienna, [0.892933, -0.350869, 0.282068], [[0.0106195, 0.0218926, 0.041469], [0.0365313, 0.060778, 0.088602], [0.099652, 0.139721, 0.154315]]),
+    ];
+    for (parameters, sun, expected) in table {
+        let all = lights(parameters);
+        assert!(matches!(all[..], [Light::Sky(_), Light::Sun(_)]), "{all:?}");
+        let radiance = shining(all);
+        for (d, expected) in directions.into_iter().zip(expected) {
+            near(radiance(d), expected, 0.02, "sky");
+        }
+        let only = format!("{parameters}<float name='sky_scale' value='0'/>");
+        let off = towards(lights(&only)).angle_between(Vec3::from(sun)).to_degrees();
+        assert!(off < 0.4, "the sun is {off}° off");
+    }
+    // Zenith and sun turn with the sky, but a given direction is the world's.
+    let turn = "<transform name='to_world'><rotate x='1' angle='-90'/></transform>";
+    let parameters = "<float name='turbidity' value='5'/><rgb name='albedo' value='.1 .5 .9'/>";
+    let (flat, turned) = (
+        shining(lights(&format!("{parameters}<vector name='sun_direction' value='.3,.4,.5'/>"))),
+        shining(lights(&format!("{parameters}<vector name='sun_direction' value='3,5,-4'/>{turn}"))),
+    );
+    for d in [[0.1, 0.2, 0.5], [-0.4, 0.1, 0.1], [0.3, 0.4, 0.501]] {
+        near(turned([d[0], d[2], -d[1]]), flat(d).to_array(), 1e-3, "turned");
+    }
+    assert_eq!(flat([0.1, 0.2, -0.1]), Rgb::ZERO);
+    // Mitsuba 3.9.1 at the centre of a simple and of a complex sun.
+    let sun = |more: &str| {
+        let up = "<vector name='sun_direction' value='.3,.4,.7'/><float name='sky_scale' value='0'/>";
+        shining(lights(&format!("{up}{more}")))([0.3, 0.4, 0.7])
+    };
+    near(sun(""), [21728.9, 18094.6, 13757.7], 0.005, "sun");
+    near(sun("<boolean name='complex_sun' value='true'/>"), [26196.4, 22637.3, 18210.9], 0.01, "complex sun");
+    near(
+        sun("<float name='sun_aperture' value='5.358'/><float name='sun_scale' value='10'/>"),
+        [2172.89, 1809.46, 1375.77],
+        0.005,
+        "wide sun",
+    );
+    let night = emitter("<float name='hour' value='23'/>");
+    assert!(night.lights.is_empty() && night.warnings[0].contains("horizon"), "{:?}", night.warnings);
+}
+
+/// Lights of a file of Mitsuba 0.6, the emitter in line 2.
+fn old_lights(emitter: &str) -> Result<Vec<Light>> {
+    let text = scene_text(&format!("{emitter}<shape type='cube'/>")).replace("3.0.0", "0.6.0");
+    load_text(&text, &[]).map(|scene| scene.lights)
+}
+
+#[test]
+fn old_skies() {
+    let lights = |plugin: &str, parameters: &str| {
+        old_lights(&format!("<emitter type='{plugin}'>{parameters}</emitter>")).unwrap()
+    };
+    // The same sun as above, but up is y and north −z.
+    let off =
+        towards(lights("sun", "")).angle_between(Vec3::new(-0.691748, 0.720308, 0.0513854)).to_degrees();
+    assert!(off < 0.4, "the sun is {off}° off");
+    // The same sky.
+    let (old, new) = (
+        shining(lights("sky", "<vector name='sunDirection' value='3,5,-4'/><float name='scale' value='2'/>")),
+        load_body(
+            "<emitter type='sunsky'><vector name='sun_direction' value='3,4,5'/><float name='albedo' value='.2'/>\
+             <float name='sun_scale' value='0'/></emitter><shape type='cube'/>",
+        ),
+    );
+    let new = shining(new.unwrap().lights);
+    for d in [[0.1, 0.2, 0.5], [-0.4, 0.1, 0.1], [0.3, 0.4, 0.5]] {
+        near(old([d[0], d[2], -d[1]]), (2.0 * new(d)).to_array(), 2e-3, "old");
+    }
+    assert_eq!(old([0.1, -0.1, 0.2]), Rgb::ZERO);
+    let extended =
+        shining(lights("sky", "<boolean name='extend' value='true'/><integer name='resolution' value='9'/>"));
+    assert!(extended([0.1, -0.1, 0.2]).min_element() > 0.0);
+    // The formulas of Preetham et al., evaluated independently: 30° and 75° from the zenith.
+    let sun = |y: f32, more: &str| {
+        let x = (1.0 - y * y).sqrt();
+        let direction = format!("<vector name='sunDirection' value='{x},{y},0'/>{more}");
+        (lights("sun", &direction), [x, y, 0.0])
+    };
+    let (high, d) = sun(0.866_025_4, "");
+    near(shining(high)(d), [20440.21, 17155.78, 14480.537], 0.003, "sun at 30°");
+    let (low, d) =
+        sun(0.258_819_05, "<float name='turbidity' value='2.5'/><float name='sunRadiusScale' value='2'/>");
+    near(shining(low)(d), [12064.11 / 4.0, 8482.443 / 4.0, 4853.1235 / 4.0], 0.003, "sun at 75°");
+    let (point, d) = sun(0.866_025_4, "<float name='sunRadiusScale' value='0'/>");
+    let [Light::Directional { direction, irradiance }] = &point[..] else { panic!("{point:?}") };
+    assert!(direction.distance(-Vec3::from(d)) < 1e-6);
+    near(*irradiance, [20440.21 * 6.868e-5, 17155.78 * 6.868e-5, 14480.537 * 6.868e-5], 0.005, "point");
+    // The horizon, and with it the sun, at twice the angle.
+    let (stretched, _) = sun(0.866_025_4, "<float name='stretch' value='2'/>");
+    assert!(towards(stretched).distance(Vec3::new(0.866_025_4, 0.5, 0.0)) < 0.01);
+    let both = lights("sunsky", "<float name='scale' value='2'/><float name='sunScale' value='0'/>");
+    assert!(matches!(both[..], [Light::Sky(_)]));
+    assert!(matches!(lights("sunsky", "")[..], [Light::Sky(_), Light::Sun(_)]));
+    for (parameters, word) in
+        [("<float name='hour' value='23'/>", "horizon"), ("<float name='stretch' value='3'/>", "stretch")]
+    {
+        match old_lights(&format!("<emitter type='sunsky'>{parameters}</emitter>")) {
+            Err(Error::Scene { message, line: 2, .. }) => assert!(message.contains(word), "{message}"),
+            other => panic!("{parameters}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn orthographic_views() {
+    let scene = load_text(
+        "<scene version='3.0.0'><sensor type='orthographic'><float name='near_clip' value='0.5'/>\
+         <transform name='to_world'><scale x='3' y='3'/><lookat origin='0,0,5' target='0,0,0' up='0,1,0'/></transform>\
+         <film type='hdrfilm'><integer name='width' value='200'/><integer name='height' value='100'/></film></sensor>\
+         <shape type='cube'/></scene>",
+        &[],
+    )
+    .unwrap();
+    let camera = scene.camera;
+    assert_eq!((camera.projection, camera.clip), (Projection::Orthographic, (0.5, f32::INFINITY)));
+    let ray = camera.ray(Vec2::ZERO, Vec2::ZERO);
+    assert!(
+        ray.o.distance(Vec3::new(-3.0, 1.5, 5.0)) < 1e-5 && ray.d.distance(Vec3::NEG_Z) < 1e-6,
+        "{ray:?}"
+    );
+}
+
+#[test]
 fn textures_are_shared() {
     let folder = tempfile::tempdir().unwrap();
     image::RgbImage::from_fn(2, 1, |x, _| image::Rgb([188 * x as u8, 0, 0]))
@@ -354,7 +537,7 @@ fn textures_are_shared() {
 }
 
 /// Mistakes in line 2, and a word that the message must hold.
-const MISTAKES: [(&str, &str); 46] = [
+const MISTAKES: [(&str, &str); 62] = [
     ("<shape type='sphere'><bsdf type='foo'/></shape>", "unknown bsdf plugin 'foo'"),
     ("<shape type='foo'/>", "unknown shape plugin 'foo'"),
     ("<emitter type='foo'/>", "unknown emitter plugin 'foo'"),
@@ -431,6 +614,34 @@ const MISTAKES: [(&str, &str); 46] = [
         "negative",
     ),
     ("<integrator type='moment'/>", "no integrator"),
+    ("<emitter type='sky'/>", "'sunsky'"),
+    ("<emitter type='timed_sunsky'/>", "'sunsky'"),
+    ("<emitter type='sunsky'><float name='turbidity' value='0.5'/></emitter>", "turbidity"),
+    ("<emitter type='sunsky'><float name='albedo' value='1.5'/></emitter>", "albedo"),
+    ("<emitter type='sunsky'><float name='sun_aperture' value='180'/></emitter>", "180"),
+    ("<emitter type='sunsky'><float name='sky_scale' value='-1'/></emitter>", "sky_scale"),
+    ("<emitter type='sunsky'><integer name='year' value='3000000000'/></emitter>", "year"),
+    ("<emitter type='sunsky'><vector name='sun_direction' value='0'/></emitter>", "zero"),
+    (
+        "<emitter type='sunsky'><vector name='sun_direction' value='0,0,1'/><float name='hour' value='3'/></emitter>",
+        "hour",
+    ),
+    ("<emitter type='sunsky'><transform name='to_world'><scale x='2'/></transform></emitter>", "stretched"),
+    ("<emitter type='projector'><float name='fov' value='180'/></emitter>", "180"),
+    (
+        "<emitter type='projector'><transform name='to_world'><scale value='2'/></transform></emitter>",
+        "scale",
+    ),
+    (
+        "<emitter type='collimated'><transform name='to_world'><scale value='2'/></transform></emitter>",
+        "scale",
+    ),
+    ("<emitter type='directionalarea'/>", "inside a shape"),
+    ("<shape type='cube'><emitter type='projector'/></shape>", "inside a shape"),
+    (
+        "<shape type='cube'><emitter type='directionalarea'><transform name='to_world'/></emitter></shape>",
+        "to_world",
+    ),
 ];
 
 #[test]
@@ -455,7 +666,16 @@ fn sensors_and_whole_files_are_checked() {
         ("<bsdf version='3.0.0' type='diffuse'/>", "<bsdf>"),
         ("<scene version='3.0.0'><shape type='sphere'/></scene>", "<sensor>"),
         ("<scene version='3.0.0'><sensor type='perspective'/></scene>", "no shapes"),
-        ("<scene version='3.0.0'><sensor type='orthographic'/></scene>", "orthographic"),
+        ("<scene version='3.0.0'><sensor type='orthographic'/></scene>", "no shapes"),
+        ("<scene version='3.0.0'><sensor type='spherical'/></scene>", "'perspective'"),
+        ("<scene version='3.0.0'><sensor type='telecentric'/></scene>", "'orthographic'"),
+        ("<scene version='3.0.0'><sensor type='distant'/></scene>", "'orthographic'"),
+        ("<scene version='3.0.0'><sensor type='batch'/></scene>", "each on its own"),
+        ("<scene version='3.0.0'><sensor type='eye'/></scene>", "unknown sensor plugin 'eye'"),
+        (
+            "<scene version='3.0.0'><sensor type='orthographic'><float name='fov' value='9'/></sensor></scene>",
+            "'fov'",
+        ),
         (
             "<scene version='3.0.0'><sensor type='perspective'><float name='fov' value='180'/></sensor></scene>",
             "180",
