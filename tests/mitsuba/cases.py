@@ -10,7 +10,9 @@ FILM = f"""<film type="hdrfilm"><integer name="width" value="{SIZE}"/><integer n
 VIEW = f"""<sensor type="perspective"><float name="fov" value="32"/><transform name="to_world">
   <lookat origin="0.8,-4,1.2" target="0,0,0" up="0,0,1"/></transform>{FILM}</sensor>"""
 CONSTANT = '<emitter type="constant"><rgb name="radiance" value="0.8,0.9,1"/></emitter>'
-POINT = '<emitter type="point"><point name="position" value="2,-3,3"/><rgb name="intensity" value="20,19,18"/></emitter>'
+POINT = (
+    '<emitter type="point"><point name="position" value="2,-3,3"/><rgb name="intensity" value="20,19,18"/></emitter>'
+)
 SKY = '<emitter type="constant"><rgb name="radiance" value="0.2"/></emitter>'
 RAMP = '<texture name="{0}" type="bitmap"><string name="filename" value="ramp.exr"/><boolean name="raw" value="true"/></texture>'
 COLOURS = '<texture name="{0}" type="bitmap"><string name="filename" value="colours.png"/></texture>'
@@ -52,7 +54,9 @@ BSDFS = {
     "roughconductor": bsdf("roughconductor", string("material", "Cu"), floats(alpha_u=0.3, alpha_v=0.1), GGX),
     "roughconductor textured": bsdf("roughconductor", string("material", "Al"), RAMP.format("alpha")),
     "plastic": bsdf("plastic", rgb("diffuse_reflectance", 0.1, 0.3, 0.6)),
-    "plastic nonlinear": bsdf("plastic", COLOURS.format("diffuse_reflectance"), '<boolean name="nonlinear" value="true"/>'),
+    "plastic nonlinear": bsdf(
+        "plastic", COLOURS.format("diffuse_reflectance"), '<boolean name="nonlinear" value="true"/>'
+    ),
     "roughplastic": bsdf("roughplastic", rgb("diffuse_reflectance", 0.1, 0.3, 0.6), floats(alpha=0.2)),
     "blendbsdf": bsdf(
         "blendbsdf", floats(weight=0.3), bsdf("roughconductor", string("material", "Au")), bsdf("diffuse")
@@ -80,11 +84,15 @@ BSDFS = {
     "principled metal": bsdf(
         "principled", rgb("base_color", 0.9, 0.6, 0.2), floats(metallic=1.0, roughness=0.3, anisotropic=0.7)
     ),
-    "principled glass": bsdf("principled", rgb("base_color", 0.8, 0.9, 1.0), floats(spec_trans=1.0, roughness=0.3, eta=1.5)),
+    "principled glass": bsdf(
+        "principled", rgb("base_color", 0.8, 0.9, 1.0), floats(spec_trans=1.0, roughness=0.3, eta=1.5)
+    ),
     "principled coat": bsdf(
         "principled",
         rgb("base_color", 0.6, 0.1, 0.1),
-        floats(roughness=0.6, clearcoat=1.0, clearcoat_gloss=0.8, sheen=0.8, sheen_tint=0.5, spec_tint=0.6, flatness=0.4),
+        floats(
+            roughness=0.6, clearcoat=1.0, clearcoat_gloss=0.8, sheen=0.8, sheen_tint=0.5, spec_tint=0.6, flatness=0.4
+        ),
     ),
     "principled everything": bsdf(
         "principled",
@@ -125,10 +133,15 @@ SCENES = {
         BALL, FLOOR, f'<emitter type="spot">{AIM}{rgb("intensity", 40)}{COLOURS.format("texture")}</emitter>'
     ),
     "directional": scene(
-        BALL, FLOOR, f'<emitter type="directional"><vector name="direction" value="-1,1,-2"/>{rgb("irradiance", 3, 2, 1)}</emitter>'
+        BALL,
+        FLOOR,
+        f'<emitter type="directional"><vector name="direction" value="-1,1,-2"/>{rgb("irradiance", 3, 2, 1)}</emitter>',
     ),
     "projector": scene(
-        BALL, FLOOR, SKY, f'<emitter type="projector">{AIM}{COLOURS.format("irradiance")}{floats(scale=9, fov=35)}</emitter>'
+        BALL,
+        FLOOR,
+        SKY,
+        f'<emitter type="projector">{AIM}{COLOURS.format("irradiance")}{floats(scale=9, fov=35)}</emitter>',
     ),
     "sunsky": scene(
         BALL, FLOOR, '<emitter type="sunsky"><vector name="sun_direction" value="0.5,-0.4,0.6"/></emitter>'
@@ -139,7 +152,9 @@ SCENES = {
         f'<emitter type="sunsky"><vector name="sun_direction" value="-0.8,-0.4,0.2"/>{floats(turbidity=6, albedo=0.4)}</emitter>',
     ),
     "sky alone": scene(
-        BALL, FLOOR, f'<emitter type="sunsky"><vector name="sun_direction" value="0.3,0,0.9"/>{floats(sun_scale=0)}</emitter>'
+        BALL,
+        FLOOR,
+        f'<emitter type="sunsky"><vector name="sun_direction" value="0.3,0,0.9"/>{floats(sun_scale=0)}</emitter>',
     ),
     "envmap": scene(
         BALL, FLOOR, f'<emitter type="envmap">{string("filename", "colours.png")}{floats(scale=2)}</emitter>'

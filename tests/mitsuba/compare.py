@@ -37,7 +37,10 @@ def mitsuba(path):
     scene = mi.load_file(str(path))
     integrator = mi.load_dict({"type": "path", "rr_depth": 1000})
     return np.stack(
-        [np.array(mi.render(scene, integrator=integrator, spp=SAMPLES, seed=s)).astype("f8")[..., :3] for s in range(IMAGES)]
+        [
+            np.array(mi.render(scene, integrator=integrator, spp=SAMPLES, seed=s)).astype("f8")[..., :3]
+            for s in range(IMAGES)
+        ]
     )
 
 
