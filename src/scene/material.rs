@@ -1,8 +1,7 @@
 //! Materials: scattering functions with textures still to be looked up.
 
 use crate::bsdf::{Bsdf, Coating, Distribution, Microfacet, RoughCoating};
-use crate::texture::{Color, Scalar, Texture};
-use glam::Vec2;
+use crate::texture::{Color, Lookup, Scalar, Texture};
 
 /// Roughness of a microfacet material.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,9 +15,9 @@ pub struct Roughness {
 }
 
 impl Roughness {
-    fn eval(&self, textures: &[Texture], uv: Vec2) -> Microfacet {
-        let alpha_u = self.alpha_u.eval(textures, uv);
-        let alpha_v = if self.is_isotropic() { alpha_u } else { self.alpha_v.eval(textures, uv) };
+    fn eval(&self, textures: &[Texture], at: &Lookup) -> Microfacet {
+        let alpha_u = self.alpha_u.eval(textures, at);
+        let alpha_v = if self.is_isotropic() { alpha_u } else { self.alpha_v.eval(textures, at) };
         Microfacet::new(self.distribution, alpha_u, alpha_v)
     }
 
@@ -141,9 +140,9 @@ pub enum Material {
 }
 
 impl Material {
-    /// The scattering function at `uv`, seen from the side of the shading normal or from the other.
-    pub fn bsdf<'a>(&'a self, textures: &'a [Texture], uv: Vec2, from_front: bool) -> Bsdf<'a> {
-        let color = |c: &Color| c.eval(textures, uv);
+    /// The scattering function at a place, seen from the side of the shading normal or from the other.
+    pub fn bsdf<'a>(&'a self, textures: &'a [Texture], at: &Lookup, from_front: bool) -> Bsdf<'a> {
+        let color = |c: &Color| c.eval(textures, at);
         match self {
             Material::Null => Bsdf::null(),
             Material::Diffuse { reflectance } => Bsdf::diffuse(color(reflectance)),
@@ -151,7 +150,7 @@ impl Material {
                 Bsdf::conductor(color(eta), color(k), color(reflectance))
             }
             Material::RoughConductor { eta, k, roughness, reflectance } => {
-                Bsdf::rough_conductor(color(eta), color(k), roughness.eval(textures, uv), color(reflectance))
+                Bsdf::rough_conductor(color(eta), color(k), roughness.eval(textures, at), color(reflectance))
             }
             Material::Dielectric { eta, reflectance, transmittance } => {
                 Bsdf::dielectric(*eta, color(reflectance), color(transmittance))
@@ -162,7 +161,7 @@ impl Material {
             Material::RoughDielectric { eta, roughness, reflectance, transmittance } => {
                 Bsdf::rough_dielectric(
                     *eta,
-                    roughness.eval(textures, uv),
+                    roughness.eval(textures, at),
                     color(reflectance),
                     color(transmittance),
                 )
@@ -174,11 +173,11 @@ impl Material {
                 Bsdf::rough_plastic(coating, color(diffuse), color(specular), *nonlinear)
             }
             Material::TwoSided { front, back } => match back {
-                Some(back) if !from_front => back.bsdf(textures, uv, true).two_sided(),
-                _ => front.bsdf(textures, uv, true).two_sided(),
+                Some(back) if !from_front => back.bsdf(textures, at, true).two_sided(),
+                _ => front.bsdf(textures, at, true).two_sided(),
             },
             Material::Mask { opacity, nested } => {
-                nested.bsdf(textures, uv, from_front).masked(opacity.eval(textures, uv))
+                nested.bsdf(textures, at, from_front).masked(opacity.eval(textures, at))
             }
         }
     }

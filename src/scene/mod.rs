@@ -23,7 +23,7 @@ use crate::film::FilmSettings;
 use crate::light::{Light, Lights, Targets};
 use crate::math::{Frame, Ray, Rgb, offset_origin};
 use crate::shape::{Bounds, Facet, Facets, Geometry, Hit};
-use crate::texture::Texture;
+use crate::texture::{Lookup, Texture};
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
 use std::path::PathBuf;
@@ -103,8 +103,8 @@ pub struct Surface<'a> {
     pub n_g: Vec3,
     /// Shading frame.
     pub frame: Frame,
-    /// Texture coordinates.
-    pub uv: Vec2,
+    /// Where textures are looked up.
+    pub at: Lookup<'a>,
     /// What scatters here.
     pub bsdf: Bsdf<'a>,
     /// The area light that the shape is.
@@ -200,6 +200,7 @@ impl Scene {
     pub fn surface(&self, ray: &Ray, hit: &Hit) -> Surface<'_> {
         let shape = &self.geometry.shapes[hit.shape as usize];
         let point = shape.point(ray, hit);
+        let at = Lookup::new(shape, point.uv, hit.primitive, Vec2::new(hit.u, hit.v));
         let material = self.material(hit.shape);
         let frame = if material.needs_tangent() {
             Frame::from_normal_and_tangent(point.n_s, shape.dp_du(hit, &point))
@@ -210,8 +211,8 @@ impl Scene {
             p: point.p,
             n_g: point.n_g,
             frame,
-            uv: point.uv,
-            bsdf: material.bsdf(&self.textures, point.uv, ray.d.dot(point.n_s) <= 0.0),
+            at,
+            bsdf: material.bsdf(&self.textures, &at, ray.d.dot(point.n_s) <= 0.0),
             light: self.shape_light[hit.shape as usize],
             shape: hit.shape,
             facet: self.facets.get(hit.shape, hit.primitive),
@@ -223,7 +224,7 @@ impl Scene {
     pub fn emitted(&self, surface: &Surface, wo: Vec3) -> Rgb {
         match surface.light {
             Some(light) => {
-                self.lights.emitted(light, &self.textures, surface.uv, [surface.n_g, surface.frame.n], wo)
+                self.lights.emitted(light, &self.textures, &surface.at, [surface.n_g, surface.frame.n], wo)
             }
             None => Rgb::ZERO,
         }
