@@ -2,7 +2,47 @@
 
 use crate::image_io::Image;
 use crate::math::{Rgb, luminance};
+use crate::shape::{Mesh, Shape};
 use glam::{Affine2, IVec2, Vec2};
+use std::fmt;
+
+/// Where a texture is looked up.
+#[derive(Clone, Copy)]
+pub struct Lookup<'a> {
+    /// Texture coordinates.
+    pub uv: Vec2,
+    /// The mesh, if the place is on one.
+    pub mesh: Option<&'a Mesh>,
+    /// Its triangle.
+    pub triangle: u32,
+    /// Barycentric weights of the triangle's second and third vertex.
+    pub weights: Vec2,
+}
+
+impl<'a> Lookup<'a> {
+    /// A place on a shape; `triangle` and `weights` are of no meaning where it is no mesh.
+    pub fn new(shape: &'a Shape, uv: Vec2, triangle: u32, weights: Vec2) -> Lookup<'a> {
+        let mesh = match shape {
+            Shape::Mesh(mesh) => Some(mesh),
+            _ => None,
+        };
+        Lookup { uv, mesh, triangle, weights }
+    }
+}
+
+impl From<Vec2> for Lookup<'_> {
+    /// A place that is on no shape.
+    fn from(uv: Vec2) -> Self {
+        Lookup { uv, mesh: None, triangle: 0, weights: Vec2::ZERO }
+    }
+}
+
+impl fmt::Debug for Lookup<'_> {
+    /// Without the mesh, which may be large.
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "Lookup({}, triangle {}, {})", self.uv, self.triangle, self.weights)
+    }
+}
 
 /// The closed set of textures.
 #[derive(Clone, Debug)]
@@ -145,20 +185,20 @@ impl Bitmap {
 }
 
 impl Texture {
-    /// The value at texture coordinates `uv`.
-    pub fn eval(&self, uv: Vec2) -> Rgb {
+    /// The value at a place.
+    pub fn eval(&self, at: &Lookup) -> Rgb {
         match self {
             Texture::Checkerboard { color0, color1, to_uv } => {
-                let t = to_uv.transform_point2(uv);
+                let t = to_uv.transform_point2(at.uv);
                 let t = t - t.floor();
                 if (t.x > 0.5) == (t.y > 0.5) { *color0 } else { *color1 }
             }
             Texture::Grid { color0, color1, line_width, to_uv } => {
-                let t = to_uv.transform_point2(uv);
+                let t = to_uv.transform_point2(at.uv);
                 let from_line = (t - t.round()).abs().min_element();
                 if from_line < *line_width { *color1 } else { *color0 }
             }
-            Texture::Bitmap(bitmap) => bitmap.eval(uv),
+            Texture::Bitmap(bitmap) => bitmap.eval(at.uv),
         }
     }
 
@@ -208,11 +248,11 @@ pub enum Color {
 }
 
 impl Color {
-    /// The value at `uv`.
-    pub fn eval(&self, textures: &[Texture], uv: Vec2) -> Rgb {
+    /// The value at a place.
+    pub fn eval(&self, textures: &[Texture], at: &Lookup) -> Rgb {
         match *self {
             Color::Constant(c) => c,
-            Color::Texture(i) => textures[i as usize].eval(uv),
+            Color::Texture(i) => textures[i as usize].eval(at),
         }
     }
 
@@ -235,19 +275,19 @@ pub enum Scalar {
 }
 
 impl Scalar {
-    /// The value at `uv`.
-    pub fn eval(&self, textures: &[Texture], uv: Vec2) -> f32 {
+    /// The value at a place.
+    pub fn eval(&self, textures: &[Texture], at: &Lookup) -> f32 {
         match *self {
             Scalar::Constant(x) => x,
-            Scalar::Texture(i) => luminance(textures[i as usize].eval(uv)),
+            Scalar::Texture(i) => luminance(textures[i as usize].eval(at)),
         }
     }
 
     /// Partial derivatives by u and v.
-    pub fn gradient(&self, textures: &[Texture], uv: Vec2) -> Vec2 {
+    pub fn gradient(&self, textures: &[Texture], at: &Lookup) -> Vec2 {
         match *self {
             Scalar::Constant(_) => Vec2::ZERO,
-            Scalar::Texture(i) => textures[i as usize].gradient(uv),
+            Scalar::Texture(i) => textures[i as usize].gradient(at.uv),
         }
     }
 
@@ -285,7 +325,7 @@ mod tests {
         ];
         for (interpolation, wrap, values) in expected {
             for (uv, value) in UVS.into_iter().zip(values) {
-                let x = ramp(interpolation, wrap).eval(Vec2::from_array(uv)).x;
+                let x = ramp(interpolation, wrap).eval(&Vec2::from_array(uv).into()).x;
                 assert!((x - value).abs() < 1e-4, "{interpolation:?} {wrap:?} {uv:?}: {x} is not {value}");
             }
         }
@@ -315,7 +355,7 @@ mod tests {
         for wrap in [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp] {
             for interpolation in [Interpolation::Nearest, Interpolation::Bilinear] {
                 for x in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, -0.0] {
-                    ramp(interpolation, wrap).eval(Vec2::new(x, 0.5));
+                    ramp(interpolation, wrap).eval(&Vec2::new(x, 0.5).into());
                 }
             }
         }

@@ -21,7 +21,7 @@ fuzz_target!(init: init(), |data: &[u8]| {
     let bitmap = Bitmap::new(image.clone(), Interpolation::Bilinear, Wrap::Repeat, Affine2::IDENTITY);
     let texture = Texture::Bitmap(bitmap.expect("it has pixels"));
     texture.mean();
-    texture.eval(Vec2::new(0.3, -0.7));
+    texture.eval(&Vec2::new(0.3, -0.7).into());
     if image.pixels.len() < 1 << 16 {
         let _ = Envmap::new(image, 1.0, Affine3A::IDENTITY);
     }

@@ -2,14 +2,18 @@
 
 use super::{DirectSample, EmissionSample, Targets};
 use crate::math::{Discrete, Frame, Rgb, offset_origin, warp};
-use crate::shape::{Geometry, Shape};
-use crate::texture::{Color, Texture};
+use crate::shape::{AreaSample, Geometry, Shape};
+use crate::texture::{Color, Lookup, Texture};
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 
 /// Whether a surface point with these geometric and shading normals emits towards `wo`.
 pub(super) fn emits([n_g, n_s]: [Vec3; 2], wo: Vec3) -> bool {
     wo.dot(n_g) > 0.0 && wo.dot(n_s) > 0.0
+}
+
+fn place<'a>(shape: &'a Shape, sample: &AreaSample) -> Lookup<'a> {
+    Lookup::new(shape, sample.uv, sample.triangle, sample.weights)
 }
 
 /// What sampling an area light needs besides its shape.
@@ -45,7 +49,9 @@ impl AreaSampler {
                     // Hammersley points.
                     let u = Vec2::new(i as f32 + 0.5, (i.reverse_bits() >> 16) as f32 + 0.5) / N as f32;
                     let Some(sample) = shape.sample_area(&self.distribution, u) else { break };
-                    for (s, c) in sum.iter_mut().zip(radiance.eval(textures, sample.uv).to_array()) {
+                    for (s, c) in
+                        sum.iter_mut().zip(radiance.eval(textures, &place(shape, &sample)).to_array())
+                    {
                         *s += c as f64;
                     }
                 }
@@ -74,7 +80,7 @@ impl AreaSampler {
             }
         };
         let pdf_w = self.pdf_w(shape, p, wi, point.p, point.n_g);
-        let weight = radiance.eval(textures, point.uv) / pdf_w;
+        let weight = radiance.eval(textures, &place(shape, &point)) / pdf_w;
         // Seen from behind, or edge-on, nothing arrives.
         (emits([point.n_g, point.n_s], -wi) && weight.is_finite()).then(|| DirectSample {
             wi,
@@ -109,8 +115,9 @@ impl AreaSampler {
         u_pos: Vec2,
         u_dir: Vec2,
     ) -> Option<EmissionSample> {
-        let point = geometry.shapes[shape as usize].sample_area(&self.distribution, u_pos)?;
-        let radiance = radiance.eval(textures, point.uv);
+        let own = &geometry.shapes[shape as usize];
+        let point = own.sample_area(&self.distribution, u_pos)?;
+        let radiance = radiance.eval(textures, &place(own, &point));
         let (d, flux) = match targets.aim_from(point.p, self.lights_only_others.then_some(shape)) {
             Some(aim) => {
                 let (d, pdf_w) = aim.sample(u_dir)?;
@@ -138,7 +145,7 @@ impl AreaSampler {
         u: Vec2,
     ) -> Option<EmissionSample> {
         let point = shape.sample_area(&self.distribution, u)?;
-        let flux = radiance.eval(textures, point.uv) * self.area;
+        let flux = radiance.eval(textures, &place(shape, &point)) * self.area;
         let d = point.n_s.try_normalize()?;
         (flux != Rgb::ZERO).then(|| EmissionSample {
             o: offset_origin(point.p, point.n_g, d, point.magnitude),

@@ -23,7 +23,7 @@ pub use targets::Targets;
 
 use crate::math::{Discrete, Rgb, luminance, warp};
 use crate::shape::Geometry;
-use crate::texture::{Color, Texture};
+use crate::texture::{Color, Lookup, Texture};
 use area::AreaSampler;
 use distant::World;
 use glam::{Vec2, Vec3};
@@ -287,9 +287,16 @@ impl Lights {
 
     /// Radiance that area light `light` emits at a surface point towards `wo`. `normals` are the geometric
     /// and the shading normal there: as in Mitsuba a smooth mesh emits above its smooth horizon.
-    pub fn emitted(&self, light: u32, textures: &[Texture], uv: Vec2, normals: [Vec3; 2], wo: Vec3) -> Rgb {
+    pub fn emitted(
+        &self,
+        light: u32,
+        textures: &[Texture],
+        at: &Lookup,
+        normals: [Vec3; 2],
+        wo: Vec3,
+    ) -> Rgb {
         match &self.lights[light as usize] {
-            Light::Area { radiance, .. } if area::emits(normals, wo) => radiance.eval(textures, uv),
+            Light::Area { radiance, .. } if area::emits(normals, wo) => radiance.eval(textures, at),
             _ => Rgb::ZERO,
         }
     }

@@ -54,7 +54,7 @@ impl Projector {
     }
 
     fn irradiance(&self, textures: &[Texture], uv: Vec2) -> Rgb {
-        self.irradiance.eval(textures, uv) * (PI * self.scale)
+        self.irradiance.eval(textures, &uv.into()) * (PI * self.scale)
     }
 
     /// Radiant intensity, W/sr, in the world direction `d`: from irradiance at distance 1 by distance squared over cosine.

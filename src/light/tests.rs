@@ -475,7 +475,7 @@ fn beams_are_only_emitted() {
         let setup = Setup { geometry, textures, lights };
         assert!((0..100).all(|i| setup.direct(Vec3::ZERO, &mut sampler(i)).is_none()));
         let up = [Vec3::Z; 2];
-        assert_eq!(setup.lights.emitted(0, &setup.textures, Vec2::ZERO, up, Vec3::Z), Rgb::ZERO);
+        assert_eq!(setup.lights.emitted(0, &setup.textures, &Vec2::ZERO.into(), up, Vec3::Z), Rgb::ZERO);
         let mut sum = Rgb::ZERO;
         for i in 0..N {
             let e = setup.emission(&mut sampler(i)).unwrap();
@@ -641,7 +641,8 @@ fn what_is_sampled_is_what_is_hit() {
             let tolerance = 1e-4 + 1e-6 / (cos * cos);
             let off = (pdf_w / s.pdf_w - 1.0).abs();
             assert!(off < tolerance, "{name}: {} sampled, {pdf_w} evaluated, cos {cos}", s.pdf_w);
-            let radiance = setup.lights.emitted(0, &setup.textures, point.uv, [point.n_g, point.n_s], -s.wi);
+            let radiance =
+                setup.lights.emitted(0, &setup.textures, &point.uv.into(), [point.n_g, point.n_s], -s.wi);
             // A texture's edge may fall between the two.
             let same = close(radiance / pdf_w, s.weight, tolerance);
             assert!(same || name.starts_with("textured"), "{name}: {} for {}", s.weight, radiance / pdf_w);

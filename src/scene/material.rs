@@ -4,8 +4,8 @@ use crate::bsdf::{
     Bsdf, Coating, Distribution, Layer, Microfacet, Perturbation, PrincipledParams, PrincipledThinParams,
     RoughCoating, WardVariant,
 };
-use crate::texture::{Color, Scalar, Texture};
-use glam::{Vec2, Vec3};
+use crate::texture::{Color, Lookup, Scalar, Texture};
+use glam::Vec3;
 
 /// Roughness of a microfacet material.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,9 +19,9 @@ pub struct Roughness {
 }
 
 impl Roughness {
-    fn eval(&self, textures: &[Texture], uv: Vec2) -> Microfacet {
-        let alpha_u = self.alpha_u.eval(textures, uv);
-        let alpha_v = if self.is_isotropic() { alpha_u } else { self.alpha_v.eval(textures, uv) };
+    fn eval(&self, textures: &[Texture], at: &Lookup) -> Microfacet {
+        let alpha_u = self.alpha_u.eval(textures, at);
+        let alpha_v = if self.is_isotropic() { alpha_u } else { self.alpha_v.eval(textures, at) };
         Microfacet::new(self.distribution, alpha_u, alpha_v)
     }
 
@@ -32,9 +32,9 @@ impl Roughness {
 
 /// Where a material is asked for its scattering function.
 #[derive(Clone, Copy, Debug)]
-pub struct Site {
-    /// Texture coordinates.
-    pub uv: Vec2,
+pub struct Site<'a> {
+    /// Where textures are looked up.
+    pub at: Lookup<'a>,
     /// Whether it is seen from the side of the shading normal.
     pub from_front: bool,
     /// ∂p/∂u and ∂p/∂v in the local frame; of no meaning unless [`Material::needs_tangent`].
@@ -239,9 +239,9 @@ pub enum Material {
 impl Material {
     /// The scattering function at `site`.
     pub fn bsdf<'a>(&'a self, textures: &'a [Texture], site: &Site) -> Bsdf<'a> {
-        let uv = site.uv;
-        let color = |c: &Color| c.eval(textures, uv);
-        let scalar = |s: &Scalar| s.eval(textures, uv);
+        let at = &site.at;
+        let color = |c: &Color| c.eval(textures, at);
+        let scalar = |s: &Scalar| s.eval(textures, at);
         match self {
             Material::Null => Bsdf::null(),
             Material::Diffuse { reflectance } => Bsdf::diffuse(color(reflectance)),
@@ -249,7 +249,7 @@ impl Material {
                 Bsdf::conductor(color(eta), color(k), color(reflectance))
             }
             Material::RoughConductor { eta, k, roughness, reflectance } => {
-                Bsdf::rough_conductor(color(eta), color(k), roughness.eval(textures, uv), color(reflectance))
+                Bsdf::rough_conductor(color(eta), color(k), roughness.eval(textures, at), color(reflectance))
             }
             Material::Dielectric { eta, reflectance, transmittance } => {
                 Bsdf::dielectric(*eta, color(reflectance), color(transmittance))
@@ -260,7 +260,7 @@ impl Material {
             Material::RoughDielectric { eta, roughness, reflectance, transmittance } => {
                 Bsdf::rough_dielectric(
                     *eta,
-                    roughness.eval(textures, uv),
+                    roughness.eval(textures, at),
                     color(reflectance),
                     color(transmittance),
                 )
@@ -292,7 +292,7 @@ impl Material {
             }
             Material::Blend { weight, nested: [first, second] } => {
                 let (first, second) = (first.bsdf(textures, site), second.bsdf(textures, site));
-                Bsdf::blend(first, second, weight.eval(textures, uv))
+                Bsdf::blend(first, second, weight.eval(textures, at))
             }
             Material::Coated { eta, specular, absorption, thickness, rough, nested } => {
                 nested.bsdf(textures, site).coated(Layer {
@@ -307,7 +307,7 @@ impl Material {
                 nested.bsdf(textures, site).perturbed(n.try_normalize().unwrap_or(Vec3::Z), Vec3::X, *rules)
             }
             Material::BumpMap { height, scale, nested, rules } => {
-                let slope = height.gradient(textures, uv) * *scale;
+                let slope = height.gradient(textures, at) * *scale;
                 // Blinn 1978, "Simulation of Wrinkled Surfaces".
                 let [p_u, p_v] = site.partials;
                 let (p_u, p_v) = (p_u.with_z(slope.x), p_v.with_z(slope.y));
@@ -316,7 +316,7 @@ impl Material {
                 nested.bsdf(textures, site).perturbed(n, p_u, *rules)
             }
             Material::Mask { opacity, nested } => {
-                nested.bsdf(textures, site).masked(opacity.eval(textures, uv))
+                nested.bsdf(textures, site).masked(opacity.eval(textures, at))
             }
         }
     }

@@ -24,7 +24,7 @@ use crate::film::FilmSettings;
 use crate::light::{Light, Lights, Targets};
 use crate::math::{Frame, Ray, Rgb, offset_origin};
 use crate::shape::{Bounds, Facet, Facets, Geometry, Hit};
-use crate::texture::Texture;
+use crate::texture::{Lookup, Texture};
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
 use std::path::PathBuf;
@@ -104,8 +104,8 @@ pub struct Surface<'a> {
     pub n_g: Vec3,
     /// Shading frame.
     pub frame: Frame,
-    /// Texture coordinates.
-    pub uv: Vec2,
+    /// Where textures are looked up.
+    pub at: Lookup<'a>,
     /// What scatters here.
     pub bsdf: Bsdf<'a>,
     /// The area light that the shape is.
@@ -201,6 +201,7 @@ impl Scene {
     pub fn surface(&self, ray: &Ray, hit: &Hit) -> Surface<'_> {
         let shape = &self.geometry.shapes[hit.shape as usize];
         let point = shape.point(ray, hit);
+        let at = Lookup::new(shape, point.uv, hit.primitive, Vec2::new(hit.u, hit.v));
         let material = self.material(hit.shape);
         let (frame, partials) = if material.needs_tangent() {
             let partials = shape.partials(hit, &point);
@@ -209,12 +210,12 @@ impl Scene {
         } else {
             (Frame::from_normal(point.n_s), [Vec3::ZERO; 2])
         };
-        let site = Site { uv: point.uv, from_front: ray.d.dot(point.n_s) <= 0.0, partials };
+        let site = Site { at, from_front: ray.d.dot(point.n_s) <= 0.0, partials };
         Surface {
             p: point.p,
             n_g: point.n_g,
             frame,
-            uv: point.uv,
+            at,
             bsdf: material.bsdf(&self.textures, &site),
             light: self.shape_light[hit.shape as usize],
             shape: hit.shape,
@@ -227,7 +228,7 @@ impl Scene {
     pub fn emitted(&self, surface: &Surface, wo: Vec3) -> Rgb {
         match surface.light {
             Some(light) => {
-                self.lights.emitted(light, &self.textures, surface.uv, [surface.n_g, surface.frame.n], wo)
+                self.lights.emitted(light, &self.textures, &surface.at, [surface.n_g, surface.frame.n], wo)
             }
             None => Rgb::ZERO,
         }

@@ -60,6 +60,10 @@ pub struct AreaSample {
     pub uv: Vec2,
     /// See [`SurfacePoint::magnitude`].
     pub magnitude: f32,
+    /// Triangle of the mesh; 0 for quadrics.
+    pub triangle: u32,
+    /// Barycentric weights of the triangle's second and third vertex; 0 for quadrics.
+    pub weights: Vec2,
 }
 
 /// The closed set of shapes, all in world space.

@@ -21,7 +21,8 @@ impl Shape {
             Shape::Mesh(m) => {
                 let (triangle, _, ux) = distribution.sample(u.x)?;
                 let b = warp::triangle(Vec2::new(ux, u.y));
-                m.point(triangle as u32, b.x, b.y)
+                let point = m.point(triangle as u32, b.x, b.y);
+                return Some(AreaSample { triangle: triangle as u32, weights: b, ..point.into() });
             }
             Shape::Sphere(s) => s.at(warp::sphere(u).as_dvec3()),
             Shape::Disk(d) => d.at(warp::disk(u).as_dvec2()),
@@ -69,6 +70,7 @@ impl Sphere {
 
 impl From<SurfacePoint> for AreaSample {
     fn from(point: SurfacePoint) -> AreaSample {
-        AreaSample { p: point.p, n_g: point.n_g, n_s: point.n_s, uv: point.uv, magnitude: point.magnitude }
+        let SurfacePoint { p, magnitude, n_g, n_s, uv } = point;
+        AreaSample { p, n_g, n_s, uv, magnitude, triangle: 0, weights: Vec2::ZERO }
     }
 }
