@@ -20,6 +20,16 @@ pub struct Lookup<'a> {
 }
 
 impl<'a> Lookup<'a> {
+    fn attribute(&self, name: &str) -> Option<Rgb> {
+        let mesh = self.mesh?;
+        let attribute = mesh.attribute(name)?;
+        if !attribute.of_vertices() {
+            return attribute.values.get(self.triangle as usize).copied();
+        }
+        let [a, b, c] = mesh.triangles.get(self.triangle as usize)?.map(|v| attribute.values[v as usize]);
+        Some(a + (b - a) * self.weights.x + (c - a) * self.weights.y)
+    }
+
     /// A place on a shape; `triangle` and `weights` are of no meaning where it is no mesh.
     pub fn new(shape: &'a Shape, uv: Vec2, triangle: u32, weights: Vec2) -> Lookup<'a> {
         let mesh = match shape {
@@ -50,22 +60,36 @@ pub enum Texture {
     /// Two colours in squares.
     Checkerboard {
         /// Colour of the square at the origin.
-        color0: Rgb,
+        color0: Color,
         /// The other colour.
-        color1: Rgb,
+        color1: Color,
         /// Applied to texture coordinates first (column-major 2×3).
         to_uv: Affine2,
     },
     /// Lines along the edges of the unit squares.
     Grid {
         /// Colour between the lines.
-        color0: Rgb,
+        color0: Color,
         /// Colour of the lines.
-        color1: Rgb,
+        color1: Color,
         /// Half the width of the lines.
         line_width: f32,
         /// Applied to texture coordinates first (column-major 2×3).
         to_uv: Affine2,
+    },
+    /// Another texture times a colour.
+    Scaled {
+        /// The texture.
+        texture: u32,
+        /// The colour.
+        scale: Rgb,
+    },
+    /// What the mesh has by this name; black on what has nothing.
+    Attribute {
+        /// The name.
+        name: String,
+        /// Factor on it.
+        scale: Rgb,
     },
     /// An image.
     Bitmap(Bitmap),
@@ -100,7 +124,6 @@ pub struct Bitmap {
     /// By u, by v.
     wrap: [Wrap; 2],
     to_uv: Affine2,
-    mean: Rgb,
 }
 
 impl Bitmap {
@@ -119,9 +142,7 @@ impl Bitmap {
         if image.pixels.is_empty() || size != Some(image.pixels.len()) || !fits {
             return Err("the image is empty".into());
         }
-        let sum = image.pixels.iter().fold(glam::DVec3::ZERO, |sum, p| sum + p.as_dvec3());
-        let mean = (sum / image.pixels.len() as f64).as_vec3();
-        Ok(Bitmap { image, interpolation, wrap, to_uv, mean })
+        Ok(Bitmap { image, interpolation, wrap, to_uv })
     }
 
     /// Columns and rows.
@@ -185,56 +206,36 @@ impl Bitmap {
 }
 
 impl Texture {
-    /// The value at a place.
-    pub fn eval(&self, at: &Lookup) -> Rgb {
+    /// The value at a place. `textures` are the scene's, which this one may refer to.
+    pub fn eval(&self, textures: &[Texture], at: &Lookup) -> Rgb {
         match self {
             Texture::Checkerboard { color0, color1, to_uv } => {
                 let t = to_uv.transform_point2(at.uv);
                 let t = t - t.floor();
-                if (t.x > 0.5) == (t.y > 0.5) { *color0 } else { *color1 }
+                let color = if (t.x > 0.5) == (t.y > 0.5) { color0 } else { color1 };
+                color.eval(textures, at)
             }
             Texture::Grid { color0, color1, line_width, to_uv } => {
                 let t = to_uv.transform_point2(at.uv);
                 let from_line = (t - t.round()).abs().min_element();
-                if from_line < *line_width { *color1 } else { *color0 }
+                let color = if from_line < *line_width { color1 } else { color0 };
+                color.eval(textures, at)
             }
+            Texture::Scaled { texture, scale } => textures[*texture as usize].eval(textures, at) * *scale,
+            Texture::Attribute { name, scale } => at.attribute(name).unwrap_or(Rgb::ZERO) * *scale,
             Texture::Bitmap(bitmap) => bitmap.eval(at.uv),
         }
     }
 
     /// Partial derivatives of the luminance by u and v; zero where there are none.
-    pub fn gradient(&self, uv: Vec2) -> Vec2 {
+    pub fn gradient(&self, textures: &[Texture], uv: Vec2) -> Vec2 {
         match self {
-            Texture::Checkerboard { .. } | Texture::Grid { .. } => Vec2::ZERO,
+            Texture::Checkerboard { .. } | Texture::Grid { .. } | Texture::Attribute { .. } => Vec2::ZERO,
+            Texture::Scaled { texture, scale } => {
+                textures[*texture as usize].gradient(textures, uv) * luminance(*scale)
+            }
             Texture::Bitmap(bitmap) => bitmap.gradient(uv),
         }
-    }
-
-    /// Mean over the unit square of texture coordinates.
-    pub fn mean(&self) -> Rgb {
-        match self {
-            Texture::Checkerboard { color0, color1, .. } => 0.5 * (*color0 + *color1),
-            Texture::Grid { color0, color1, line_width, .. } => {
-                let between = (1.0 - 2.0 * line_width).clamp(0.0, 1.0);
-                color1.lerp(*color0, between * between)
-            }
-            Texture::Bitmap(bitmap) => bitmap.mean,
-        }
-    }
-
-    /// The same times `scale`.
-    pub fn scaled(&self, scale: Rgb) -> Texture {
-        let mut scaled = self.clone();
-        match &mut scaled {
-            Texture::Checkerboard { color0, color1, .. } | Texture::Grid { color0, color1, .. } => {
-                (*color0, *color1) = (*color0 * scale, *color1 * scale);
-            }
-            Texture::Bitmap(bitmap) => {
-                bitmap.image.pixels.iter_mut().for_each(|p| *p *= scale);
-                bitmap.mean *= scale;
-            }
-        }
-        scaled
     }
 }
 
@@ -252,15 +253,7 @@ impl Color {
     pub fn eval(&self, textures: &[Texture], at: &Lookup) -> Rgb {
         match *self {
             Color::Constant(c) => c,
-            Color::Texture(i) => textures[i as usize].eval(at),
-        }
-    }
-
-    /// Mean over the texture.
-    pub fn mean(&self, textures: &[Texture]) -> Rgb {
-        match *self {
-            Color::Constant(c) => c,
-            Color::Texture(i) => textures[i as usize].mean(),
+            Color::Texture(i) => textures[i as usize].eval(textures, at),
         }
     }
 }
@@ -279,7 +272,7 @@ impl Scalar {
     pub fn eval(&self, textures: &[Texture], at: &Lookup) -> f32 {
         match *self {
             Scalar::Constant(x) => x,
-            Scalar::Texture(i) => luminance(textures[i as usize].eval(at)),
+            Scalar::Texture(i) => luminance(textures[i as usize].eval(textures, at)),
         }
     }
 
@@ -287,15 +280,7 @@ impl Scalar {
     pub fn gradient(&self, textures: &[Texture], at: &Lookup) -> Vec2 {
         match *self {
             Scalar::Constant(_) => Vec2::ZERO,
-            Scalar::Texture(i) => textures[i as usize].gradient(at.uv),
-        }
-    }
-
-    /// Mean over the texture.
-    pub fn mean(&self, textures: &[Texture]) -> f32 {
-        match *self {
-            Scalar::Constant(x) => x,
-            Scalar::Texture(i) => luminance(textures[i as usize].mean()),
+            Scalar::Texture(i) => textures[i as usize].gradient(textures, at.uv),
         }
     }
 }
@@ -303,6 +288,7 @@ impl Scalar {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shape::Attribute;
 
     /// Texels 0, 1, 2 / 3, 4, 5.
     fn ramp(interpolation: Interpolation, wrap: Wrap) -> Texture {
@@ -325,7 +311,7 @@ mod tests {
         ];
         for (interpolation, wrap, values) in expected {
             for (uv, value) in UVS.into_iter().zip(values) {
-                let x = ramp(interpolation, wrap).eval(&Vec2::from_array(uv).into()).x;
+                let x = ramp(interpolation, wrap).eval(&[], &Vec2::from_array(uv).into()).x;
                 assert!((x - value).abs() < 1e-4, "{interpolation:?} {wrap:?} {uv:?}: {x} is not {value}");
             }
         }
@@ -347,7 +333,7 @@ mod tests {
                 bitmap.gradient(uv)
             );
         }
-        assert_eq!(ramp(Interpolation::Nearest, Wrap::Clamp).gradient(Vec2::splat(0.4)), Vec2::ZERO);
+        assert_eq!(ramp(Interpolation::Nearest, Wrap::Clamp).gradient(&[], Vec2::splat(0.4)), Vec2::ZERO);
     }
 
     #[test]
@@ -355,18 +341,51 @@ mod tests {
         for wrap in [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp] {
             for interpolation in [Interpolation::Nearest, Interpolation::Bilinear] {
                 for x in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, -0.0] {
-                    ramp(interpolation, wrap).eval(&Vec2::new(x, 0.5).into());
+                    ramp(interpolation, wrap).eval(&[], &Vec2::new(x, 0.5).into());
                 }
             }
         }
     }
 
     #[test]
-    fn means() {
-        assert_eq!(ramp(Interpolation::Nearest, Wrap::Clamp).mean(), Rgb::splat(2.5));
-        let scalar = Scalar::Texture(0).mean(&[ramp(Interpolation::Nearest, Wrap::Clamp)]);
-        assert!((scalar - 2.5).abs() < 1e-5);
+    fn an_empty_image_is_no_texture() {
         let empty = Image { width: 0, height: 0, pixels: vec![] };
         assert!(Bitmap::new(empty, Interpolation::Nearest, [Wrap::Clamp; 2], Affine2::IDENTITY).is_err());
+    }
+
+    #[test]
+    fn textures_of_textures() {
+        let textures = [
+            ramp(Interpolation::Nearest, Wrap::Clamp),
+            Texture::Scaled { texture: 0, scale: Rgb::new(1.0, 2.0, 3.0) },
+            Texture::Checkerboard {
+                color0: Color::Texture(1),
+                color1: Color::Constant(Rgb::ONE),
+                to_uv: Affine2::from_scale(Vec2::splat(2.0)),
+            },
+        ];
+        let eval = |uv: Vec2| Color::Texture(2).eval(&textures, &uv.into());
+        assert_eq!(eval(Vec2::new(0.9, 0.9)), Rgb::new(5.0, 10.0, 15.0));
+        assert_eq!(eval(Vec2::new(0.9, 0.7)), Rgb::ONE);
+    }
+
+    /// Vertices 0, 1, 2 with x from 0 to 2; the second of two triangles.
+    #[test]
+    fn attributes_of_meshes() {
+        let values = |scale: f32| (0..3).map(|i| Rgb::new(i as f32 * scale, 1.0, 0.0)).collect();
+        let attribute = |name: &str, scale| Attribute { name: name.into(), values: values(scale) };
+        let mesh = Mesh {
+            positions: vec![glam::Vec3::ZERO; 3],
+            triangles: vec![[0, 1, 2], [2, 0, 1]],
+            attributes: vec![attribute("vertex_color", 1.0), attribute("face_color", 10.0)],
+            ..Mesh::default()
+        };
+        let shape = Shape::Mesh(mesh);
+        let at = Lookup::new(&shape, Vec2::ZERO, 1, Vec2::new(0.25, 0.5));
+        let eval =
+            |name: &str| Texture::Attribute { name: name.into(), scale: Rgb::splat(2.0) }.eval(&[], &at);
+        assert_eq!(eval("vertex_color"), 2.0 * Rgb::new(0.25 * 2.0 + 0.5, 1.0, 0.0));
+        assert_eq!(eval("face_color"), 2.0 * Rgb::new(10.0, 1.0, 0.0));
+        assert_eq!(eval("vertex_other"), Rgb::ZERO);
     }
 }

@@ -61,7 +61,7 @@ impl Spot {
             if theta <= self.beam { 1.0 } else { (self.cutoff - theta) / (self.cutoff - self.beam) };
         let projected = self.texture.and_then(|i| textures.get(i as usize)).map_or(Rgb::ONE, |texture| {
             let uv = 0.5 + 0.5 * l.truncate() / (l.z * self.cutoff.tan());
-            texture.eval(&uv.into())
+            texture.eval(textures, &uv.into())
         });
         self.intensity * projected * falloff
     }

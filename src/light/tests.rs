@@ -64,8 +64,8 @@ impl Setup {
 
 fn checkerboard() -> Texture {
     Texture::Checkerboard {
-        color0: Rgb::new(0.2, 0.3, 0.9),
-        color1: Rgb::new(0.8, 0.5, 0.1),
+        color0: Color::Constant(Rgb::new(0.2, 0.3, 0.9)),
+        color1: Color::Constant(Rgb::new(0.8, 0.5, 0.1)),
         to_uv: Affine2::from_scale(Vec2::splat(3.0)),
     }
 }

@@ -54,12 +54,16 @@ impl Scene {
         let mut hasher = Hasher(Xxh3::new());
         for shape in &geometry.shapes {
             match shape {
-                Shape::Mesh(Mesh { positions, normals, uvs, triangles }) => {
+                Shape::Mesh(Mesh { positions, normals, uvs, triangles, attributes }) => {
                     hasher.text(&"mesh");
                     hasher.array(positions);
                     hasher.array(normals);
                     hasher.array(uvs);
                     hasher.array(triangles);
+                    for attribute in attributes {
+                        hasher.text(&attribute.name);
+                        hasher.array(&attribute.values);
+                    }
                 }
                 quadric => hasher.text(quadric),
             }

@@ -36,6 +36,13 @@ pub(super) fn place(mut mesh: Mesh, placement: &Placement) -> Result<Mesh, Strin
             return Err(format!("{count} vertices have {values} {what}"));
         }
     }
+    for attribute in &mesh.attributes {
+        let wanted = if attribute.of_vertices() { count } else { mesh.triangles.len() };
+        if attribute.values.len() != wanted {
+            let (name, values) = (&attribute.name, attribute.values.len());
+            return Err(format!("the attribute '{name}' has {values} values, not {wanted}"));
+        }
+    }
     if placement.to_world != DAffine3::IDENTITY {
         for p in &mut mesh.positions {
             *p = placement.to_world.transform_point3(p.as_dvec3()).as_vec3();
@@ -143,9 +150,8 @@ mod tests {
     fn folded() -> Mesh {
         Mesh {
             positions: vec![Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.5), Vec3::Y],
-            normals: vec![],
-            uvs: vec![],
             triangles: vec![[0, 1, 2], [0, 2, 3]],
+            ..Mesh::default()
         }
     }
 

@@ -2,7 +2,7 @@
 //! flags, name (version 4), counts and arrays; several meshes follow each other, with a table of their offsets at the
 //! end of the file. Everything is little-endian.
 
-use crate::shape::Mesh;
+use crate::shape::{Attribute, Mesh};
 use crate::{Error, Result};
 use flate2::read::ZlibDecoder;
 use glam::{Vec2, Vec3};
@@ -38,17 +38,18 @@ fn parse(bytes: &[u8], index: u32) -> Result<Mesh, String> {
     let positions = reader.floats(vertices, 3, double)?;
     let normals = if flags & HAS_NORMALS != 0 { reader.floats(vertices, 3, double)? } else { Vec::new() };
     let uvs = if flags & HAS_UVS != 0 { reader.floats(vertices, 2, double)? } else { Vec::new() };
-    if flags & HAS_COLORS != 0 {
-        reader.floats(vertices, 3, double)?;
-    }
+    let colors = if flags & HAS_COLORS != 0 { reader.floats(vertices, 3, double)? } else { Vec::new() };
     let indices = reader.array(triangles, 12)?;
     let vec3 = |v: &[f32]| Vec3::new(v[0], v[1], v[2]);
+    let colors: Vec<Vec3> = colors.chunks_exact(3).map(vec3).collect();
+    let colors = Attribute { name: "vertex_color".into(), values: colors };
     let word = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
     Ok(Mesh {
         positions: positions.chunks_exact(3).map(vec3).collect(),
         normals: normals.chunks_exact(3).map(vec3).collect(),
         uvs: uvs.chunks_exact(2).map(|v| Vec2::new(v[0], v[1])).collect(),
         triangles: indices.chunks_exact(12).map(|t| [word(t), word(&t[4..]), word(&t[8..])]).collect(),
+        attributes: if colors.values.is_empty() { Vec::new() } else { vec![colors] },
     })
 }
 
@@ -179,6 +180,7 @@ mod tests {
                 assert_eq!(mesh.positions[1], Vec3::X);
                 assert_eq!(mesh.normals[2], Vec3::Z);
                 assert_eq!(mesh.uvs[1], Vec2::new(1.0, 0.0));
+                assert_eq!(mesh.attribute("vertex_color").unwrap().values, [Vec3::splat(0.5); 3]);
                 assert_eq!(mesh.triangles, [[0, 1, 2]]);
             }
             assert!(parse(&bytes, 2).unwrap_err().contains("holds 2"));

@@ -3,6 +3,22 @@
 use super::{Bounds, SurfacePoint};
 use glam::{Affine3A, DVec3, Vec2, Vec3};
 
+/// Values that a mesh file gives beside its geometry.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Attribute {
+    /// Begins with `vertex_` for one value for each vertex, else there is one for each triangle.
+    pub name: String,
+    /// The values; grey if the file has but one number.
+    pub values: Vec<Vec3>,
+}
+
+impl Attribute {
+    /// Whether values belong to vertices, in between which they are interpolated.
+    pub fn of_vertices(&self) -> bool {
+        self.name.starts_with("vertex_")
+    }
+}
+
 /// Indexed triangles in world space. Flipped meshes are stored flipped (winding and normals), so no flag remains.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
@@ -14,9 +30,16 @@ pub struct Mesh {
     pub uvs: Vec<Vec2>,
     /// Vertex indices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
+    /// What textures may look up.
+    pub attributes: Vec<Attribute>,
 }
 
 impl Mesh {
+    /// An attribute by its name.
+    pub fn attribute(&self, name: &str) -> Option<&Attribute> {
+        self.attributes.iter().find(|a| a.name == name)
+    }
+
     /// The positions of a triangle's vertices.
     pub fn vertices(&self, triangle: u32) -> [Vec3; 3] {
         self.triangles[triangle as usize].map(|i| self.positions[i as usize])

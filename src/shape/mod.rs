@@ -11,7 +11,7 @@ mod sphere;
 pub use cylinder::Cylinder;
 pub use disk::Disk;
 pub use facet::{Edge, Facet, Facets};
-pub use mesh::Mesh;
+pub use mesh::{Attribute, Mesh};
 pub use sphere::Sphere;
 
 use crate::math::Ray;

@@ -18,7 +18,7 @@ use super::{IntegratorParam, SceneDescription};
 use crate::Result;
 use crate::light::Light;
 use crate::scene::Material;
-use crate::shape::Geometry;
+use crate::shape::{Geometry, Shape};
 use crate::texture::Texture;
 use props::Props;
 use std::collections::HashMap;
@@ -43,6 +43,10 @@ struct Loader<'a> {
     lights: Vec<Light>,
     /// Shapes that are lights, and the light.
     emitters: Vec<(u32, Props<'a>)>,
+    /// Whether anything looks mesh attributes up.
+    asks_for_attributes: bool,
+    /// Shapes whose materials or lights look mesh attributes up: where they stand, the names, and where those stand.
+    attributes: Vec<(u32, xml::Pos, Vec<(String, xml::Pos)>)>,
     jobs: Vec<shapes::Job>,
     shape_material: Vec<u32>,
     depth: u32,
@@ -64,6 +68,8 @@ pub(super) fn load(
         texture_of: HashMap::new(),
         lights: Vec::new(),
         emitters: Vec::new(),
+        asks_for_attributes: tree.objects.iter().any(xml::Object::is_mesh_attribute),
+        attributes: Vec::new(),
         jobs: Vec::new(),
         shape_material: Vec::new(),
         depth: 0,
@@ -106,6 +112,17 @@ pub(super) fn load(
         sample_count = passes.parse().ok().filter(|n| *n > 0).unwrap_or(sample_count);
     }
     let shapes = shapes::build(loader.jobs)?;
+    for (shape, pos, textures) in loader.attributes {
+        for (name, asked) in textures {
+            let missing =
+                !matches!(&shapes[shape as usize], Shape::Mesh(mesh) if mesh.attribute(&name).is_some());
+            if missing {
+                let line = format!("{}:{}", tree.file(pos).display(), pos.line);
+                let message = format!("the shape at {line} has no mesh attribute '{name}'");
+                return Err(tree.error(asked, message));
+            }
+        }
+    }
     for (shape, emitter) in loader.emitters {
         let area = shapes[shape as usize].area();
         if area.is_nan() || area <= 0.0 {

@@ -9,7 +9,7 @@ use crate::scene::{obj, ply, serialized};
 use crate::shape::{Cylinder, Disk, Mesh, Shape, Sphere};
 use crate::texture::Color;
 use crate::{Error, Result};
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 use std::path::PathBuf;
 
@@ -52,7 +52,33 @@ pub(super) fn build(jobs: Vec<Job>) -> Result<Vec<Shape>> {
 
 impl<'a> Loader<'a> {
     pub(super) fn shape(&mut self, props: Props<'a>) -> Result<()> {
-        let job = self.geometry(props)?;
+        self.placed_shape(props, DAffine3::IDENTITY)
+    }
+
+    /// A shape as its own transform and then `outer` place it.
+    fn placed_shape(&mut self, props: Props<'a>, outer: DAffine3) -> Result<()> {
+        match props.plugin() {
+            // Shows only where there are instances of it.
+            "shapegroup" => {
+                props.children()?;
+                return props.finish();
+            }
+            "instance" => {
+                let to_world = outer * props.to_world()?;
+                let (group, pos) = self.only_child(props)?;
+                if group.plugin() != "shapegroup" {
+                    return Err(self.tree.error(pos, "an instance is one of a shapegroup"));
+                }
+                props.finish()?;
+                return self.nested(group, |loader| loader.placed_children(group, to_world));
+            }
+            "merge" => {
+                self.nested(props, |loader| loader.placed_children(props, outer))?;
+                return props.finish();
+            }
+            _ => {}
+        }
+        let job = self.geometry(props, outer)?;
         let index = self.jobs.len() as u32;
         let (mut material, mut light) = (None, None);
         for name in ["interior", "exterior"] {
@@ -84,9 +110,32 @@ impl<'a> Loader<'a> {
         // How Mitsuba differentiates silhouettes.
         props.opt_float("silhouette_sampling_weight")?;
         props.finish()?;
+        if self.asks_for_attributes {
+            self.attributes.push((index, props.object.pos, self.tree.mesh_attributes(props.index)));
+        }
         self.jobs.push(job);
         self.shape_material.push(material);
         Ok(())
+    }
+
+    /// The shapes inside of a group.
+    fn placed_children(&mut self, props: Props<'a>, outer: DAffine3) -> Result<()> {
+        for (child, pos) in props.children()? {
+            if child.object.tag != "shape" {
+                let message = format!("{} cannot hold a <{}>", props.title(), child.object.tag);
+                return Err(self.tree.error(pos, message));
+            }
+            self.placed_shape(child, outer)?;
+        }
+        Ok(())
+    }
+
+    fn only_child(&self, props: Props<'a>) -> Result<(Props<'a>, Pos)> {
+        let children = props.children()?;
+        match children[..] {
+            [child] => Ok(child),
+            _ => Err(props.error(format!("{} needs exactly one shapegroup", props.title()))),
+        }
     }
 
     /// Mitsuba's diffuse default, made once: black for what emits, grey for the rest.
@@ -100,8 +149,8 @@ impl<'a> Loader<'a> {
         })
     }
 
-    fn geometry(&mut self, props: Props<'a>) -> Result<Job> {
-        let matrix = props.to_world()?;
+    fn geometry(&mut self, props: Props<'a>, outer: DAffine3) -> Result<Job> {
+        let matrix = outer * props.to_world()?;
         let to_world = to_f32(matrix);
         let flip_normals = props.boolean("flip_normals", false)?;
         let fail = |message| props.error(message);
@@ -144,7 +193,13 @@ impl<'a> Loader<'a> {
                 let cylinder = Cylinder::new(p0, p1, props.float("radius", 1.0)?, to_world, flip_normals);
                 cylinder.map(|s| Job::Ready(Shape::Cylinder(s))).map_err(fail)
             }
-            _ => Err(props.unknown_plugin("obj, ply, serialized, sphere, rectangle, disk, cube, cylinder")),
+            "bsplinecurve" | "linearcurve" | "hair" | "sdfgrid" | "ellipsoids" | "ellipsoidsmesh"
+            | "heightfield" | "deformable" | "blender" => {
+                Err(props.error(format!("{} is not supported: export it as a mesh", props.title())))
+            }
+            _ => Err(props.unknown_plugin(
+                "obj, ply, serialized, sphere, rectangle, disk, cube, cylinder, shapegroup, instance, merge",
+            )),
         }
     }
 }

@@ -529,11 +529,11 @@ fn textures_are_shared() {
     fs::write(&path, text).unwrap();
     let scene = load(&path, &[], None).unwrap();
     assert_eq!(scene.textures.len(), 2);
-    let decoded = scene.textures[0].eval(&Vec2::new(0.3, 0.0).into()).x;
+    let decoded = scene.textures[0].eval(&[], &Vec2::new(0.3, 0.0).into()).x;
     assert!((decoded - 0.502_89).abs() < 1e-4, "{decoded}");
     // Mitsuba 3.9.1 gives 0.9 here where it reads a checkerboard as a number.
     let Texture::Checkerboard { color0, .. } = &scene.textures[1] else { panic!() };
-    assert_eq!(*color0, Rgb::splat(0.9));
+    assert_eq!(*color0, Color::Constant(Rgb::splat(0.9)));
 }
 
 /// Mistakes in line 2, and a word that the message must hold.

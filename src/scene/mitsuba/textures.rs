@@ -140,6 +140,10 @@ impl<'a> Loader<'a> {
         let texture = match props.plugin() {
             "bitmap" => self.bitmap(props)?,
             "checkerboard" => self.checkerboard(props, role, usage)?,
+            "mesh_attribute" => self.attribute(props)?,
+            "vertexcolors" if props.object.old => {
+                Texture::Attribute { name: "vertex_color".into(), scale: Rgb::ONE }
+            }
             "gridtexture" if props.object.old => self.grid(props, role)?,
             "scale" if props.object.old => return self.scaled(props, role, usage),
             _ => return self.spectrum_object(props, asker, role).map(Color::Constant),
@@ -187,7 +191,7 @@ impl<'a> Loader<'a> {
     }
 
     fn checkerboard(&mut self, props: Props<'a>, role: Role, usage: Use) -> Result<Texture> {
-        let mut color = |name, default| self.constant_color(props, name, role, Rgb::splat(default));
+        let mut color = |name, default| self.color(props, name, role, Rgb::splat(default));
         let (mut color0, mut color1) = (color("color0", 0.4)?, color("color1", 0.2)?);
         if usage == Use::Scalar {
             // Mitsuba 3 (to 3.9 at least) swaps the squares where it reads a checkerboard as a number.
@@ -196,9 +200,19 @@ impl<'a> Loader<'a> {
         Ok(Texture::Checkerboard { color0, color1, to_uv: to_uv(props)? })
     }
 
+    fn attribute(&mut self, props: Props<'a>) -> Result<Texture> {
+        let name = props.opt_string("name")?.ok_or_else(|| props.error("a mesh_attribute needs a 'name'"))?;
+        if !["vertex_", "face_"].iter().any(|of| name.starts_with(of)) {
+            let message = format!("the name '{name}' of a mesh attribute should begin with vertex_ or face_");
+            return Err(props.error_at("name", message));
+        }
+        let scale = Rgb::splat(props.float("scale", 1.0)?);
+        Ok(Texture::Attribute { name: name.into(), scale })
+    }
+
     fn grid(&mut self, props: Props<'a>, role: Role) -> Result<Texture> {
-        let color0 = self.constant_color(props, "color0", role, Rgb::splat(0.2))?;
-        let color1 = self.constant_color(props, "color1", role, Rgb::splat(0.4))?;
+        let color0 = self.color(props, "color0", role, Rgb::splat(0.2))?;
+        let color1 = self.color(props, "color1", role, Rgb::splat(0.4))?;
         let line_width = props.float("line_width", 0.01)?;
         Ok(Texture::Grid { color0, color1, line_width, to_uv: to_uv(props)? })
     }
@@ -223,10 +237,9 @@ impl<'a> Loader<'a> {
         props.finish()?;
         Ok(match color {
             Color::Constant(rgb) => Color::Constant(rgb * scale),
-            Color::Texture(index) => {
-                let scaled = self.textures[index as usize].scaled(scale);
+            Color::Texture(texture) => {
                 let index = self.textures.len() as u32;
-                self.textures.push(scaled);
+                self.textures.push(Texture::Scaled { texture, scale });
                 self.texture_of.insert((props.index, usage), index);
                 Color::Texture(index)
             }

@@ -81,6 +81,13 @@ pub(super) struct Object {
     pub old: bool,
 }
 
+impl Object {
+    /// Whether it is a texture that looks a mesh attribute up.
+    pub(super) fn is_mesh_attribute(&self) -> bool {
+        matches!(self.plugin.as_str(), "mesh_attribute" | "vertexcolors")
+    }
+}
+
 /// Everything that the files say. Object 0 is the scene.
 #[derive(Debug)]
 pub(super) struct Tree {
@@ -171,6 +178,30 @@ impl Tree {
         if self.ignored.borrow_mut().insert((title.into(), property.name.clone())) {
             self.warn(property.pos, &format!("{title}: parameter '{}' has no effect", property.name));
         }
+    }
+
+    /// Names and places of the mesh attributes that an object looks up, by whatever it holds or refers to.
+    pub(super) fn mesh_attributes(&self, object: usize) -> Vec<(String, Pos)> {
+        let (mut found, mut seen, mut waiting) = (Vec::new(), HashSet::new(), vec![object]);
+        while let Some(index) = waiting.pop() {
+            let object = &self.objects[index];
+            if !seen.insert(index) {
+                continue;
+            }
+            if object.is_mesh_attribute() {
+                let name = object.properties.iter().find_map(|p| match &p.value {
+                    Value::String(name) if p.name == "name" => Some(name.as_str()),
+                    _ => None,
+                });
+                found.push((name.unwrap_or("vertex_color").to_string(), object.pos));
+            }
+            waiting.extend(object.properties.iter().filter_map(|p| match &p.value {
+                Value::Object(index) => Some(*index),
+                Value::Reference(id) => self.ids.get(id).copied(),
+                _ => None,
+            }));
+        }
+        found
     }
 
     /// All warnings so far.
