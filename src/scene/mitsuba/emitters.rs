@@ -2,12 +2,13 @@
 
 use super::Loader;
 use super::props::{Props, to_f32, vec3};
-use crate::Result;
 use crate::image_io;
 use crate::light::{Envmap, Light, Spot};
 use crate::math::Rgb;
+use crate::scene::pending::Pending;
 use crate::scene::spectrum::Role;
 use crate::texture::Color;
+use crate::{Error, Result};
 use glam::Vec3;
 
 const KNOWN: &str = "area (inside a shape), point, spot, directional, constant, envmap";
@@ -31,6 +32,17 @@ impl<'a> Loader<'a> {
     /// An emitter directly inside the scene.
     pub(super) fn emitter(&mut self, props: Props<'a>) -> Result<()> {
         let light = match props.plugin() {
+            "envmap" => self.envmap(props)?,
+            _ => Pending::Ready(self.small_emitter(props)?),
+        };
+        finish(props)?;
+        self.lights.push(light);
+        Ok(())
+    }
+
+    /// An emitter that needs no file.
+    fn small_emitter(&mut self, props: Props<'a>) -> Result<Light> {
+        Ok(match props.plugin() {
             "point" => Light::Point {
                 position: self.either_or(props, "position", |m| m.translation.into())?,
                 intensity: self.constant_color(props, "intensity", Role::Emission, Rgb::ONE)?,
@@ -67,13 +79,9 @@ impl<'a> Loader<'a> {
                 let spot = Spot::new(to_f32(props.to_world()?), intensity, cutoff, beam, texture);
                 Light::Spot(spot.map_err(|message| props.error(message))?)
             }
-            "envmap" => self.envmap(props)?,
             "area" => return Err(props.error("an area emitter belongs inside a shape")),
             _ => return Err(props.unknown_plugin(KNOWN)),
-        };
-        finish(props)?;
-        self.lights.push(light);
-        Ok(())
+        })
     }
 
     /// A vector given directly, or taken from `to_world`.
@@ -92,7 +100,7 @@ impl<'a> Loader<'a> {
         }
     }
 
-    fn envmap(&mut self, props: Props<'a>) -> Result<Light> {
+    fn envmap(&mut self, props: Props<'a>) -> Result<Pending<Light>> {
         let nested = props.object.properties.iter().find_map(|p| {
             let index = props.object_of(p).ok().flatten()?;
             (self.tree.objects[index].plugin == "bitmap").then(|| {
@@ -104,11 +112,17 @@ impl<'a> Loader<'a> {
             Some(bitmap) => (self.filename(bitmap)?, !bitmap.boolean("raw", false)?),
             None => (self.filename(props)?, true),
         };
-        let image = image_io::read_encoded(&path, srgb)?;
         let scale = props.float("scale", 1.0)?;
         props.boolean("mis_compensation", false)?;
-        let envmap = Envmap::new(image, scale, to_f32(props.to_world()?));
-        envmap.map(Light::Envmap).map_err(|message| props.error(format!("{}: {message}", path.display())))
+        let to_world = to_f32(props.to_world()?);
+        let (file, line) = (self.tree.file(props.object.pos).to_path_buf(), props.object.pos.line);
+        Ok(Pending::file(self.next_file(), move || {
+            let envmap = Envmap::new(image_io::read_encoded(&path, srgb)?, scale, to_world);
+            envmap.map(Light::Envmap).map_err(|message| {
+                let message = format!("{}: {message}", path.display());
+                Error::Scene { file, line, message }
+            })
+        }))
     }
 }
 

@@ -12,6 +12,7 @@ mod xml;
 #[cfg(test)]
 mod tests;
 
+use super::pending::{Pending, unless_failed};
 use super::{IntegratorParam, SceneDescription};
 use crate::Result;
 use crate::light::Light;
@@ -35,13 +36,15 @@ struct Loader<'a> {
     material_of: HashMap<usize, u32>,
     /// By object, those inside of others included.
     made: HashMap<usize, Material>,
-    textures: Vec<Texture>,
+    textures: Vec<Pending<Texture>>,
     /// By object and how it is used.
     texture_of: HashMap<(usize, textures::Use), u32>,
-    lights: Vec<Light>,
+    lights: Vec<Pending<Light>>,
     /// Shapes that are lights, and the light.
     emitters: Vec<(u32, Props<'a>)>,
     jobs: Vec<shapes::Job>,
+    /// How many files the scene has named so far.
+    files: u32,
     shape_material: Vec<u32>,
     warnings: Vec<String>,
     depth: u32,
@@ -64,6 +67,7 @@ pub(super) fn load(
         lights: Vec::new(),
         emitters: Vec::new(),
         jobs: Vec::new(),
+        files: 0,
         shape_material: Vec::new(),
         warnings: tree.warnings.clone(),
         depth: 0,
@@ -99,7 +103,17 @@ pub(super) fn load(
         return Err(scene.error("the scene has no <sensor>: there is no view to render"));
     };
     let (integrator, integrator_params) = integrator.unwrap_or_default();
-    let shapes = shapes::build(loader.jobs)?;
+    let (shapes, (textures, lights)) = rayon::join(
+        || shapes::build(loader.jobs),
+        || rayon::join(|| Pending::all(loader.textures), || Pending::all(loader.lights)),
+    );
+    let mut failures = Vec::new();
+    let shapes = unless_failed(shapes, &mut failures);
+    let textures = unless_failed(textures, &mut failures);
+    let lights = unless_failed(lights, &mut failures);
+    if let Some((_, error)) = failures.into_iter().min_by_key(|failure| failure.0) {
+        return Err(error);
+    }
     for (shape, emitter) in loader.emitters {
         let area = shapes[shape as usize].area();
         if area.is_nan() || area <= 0.0 {
@@ -110,8 +124,8 @@ pub(super) fn load(
         geometry: Geometry { shapes },
         shape_material: loader.shape_material,
         materials: loader.materials,
-        textures: loader.textures,
-        lights: loader.lights,
+        textures,
+        lights,
         camera: sensor.camera,
         film: sensor.film,
         sample_count: sensor.sample_count,
@@ -128,6 +142,12 @@ const UNUSED_INTEGRATOR_PARAMETERS: [&str; 6] =
 impl<'a> Loader<'a> {
     fn warn_at(&mut self, pos: xml::Pos, message: &str) {
         self.warnings.push(self.tree.at(pos, message));
+    }
+
+    /// The place of one more file in the scene.
+    fn next_file(&mut self) -> u32 {
+        self.files += 1;
+        self.files
     }
 
     /// Guards recursion through references.

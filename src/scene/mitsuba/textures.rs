@@ -6,6 +6,7 @@ use super::xml::{Property, Value, tokens};
 use crate::Result;
 use crate::image_io;
 use crate::math::Rgb;
+use crate::scene::pending::Pending;
 use crate::scene::spectrum::{Role, Spectrum};
 use crate::texture::{Bitmap, Color, Interpolation, Scalar, Texture, Wrap};
 use glam::{Affine2, Vec2};
@@ -119,7 +120,7 @@ impl<'a> Loader<'a> {
         }
         let texture = match props.plugin() {
             "bitmap" => self.bitmap(props)?,
-            "checkerboard" => self.checkerboard(props, role, usage)?,
+            "checkerboard" => Pending::Ready(self.checkerboard(props, role, usage)?),
             _ => return self.spectrum_object(props, asker, role).map(Color::Constant),
         };
         props.finish()?;
@@ -129,7 +130,7 @@ impl<'a> Loader<'a> {
         Ok(Color::Texture(index))
     }
 
-    fn bitmap(&mut self, props: Props<'a>) -> Result<Texture> {
+    fn bitmap(&mut self, props: Props<'a>) -> Result<Pending<Texture>> {
         let to_uv = to_uv(props)?;
         let raw = props.boolean("raw", false)?;
         let interpolation = props.choice(
@@ -143,9 +144,10 @@ impl<'a> Loader<'a> {
         props.opt_string("format")?;
         props.boolean("accel", true)?;
         let path = self.filename(props)?;
-        let image = image_io::read_encoded(&path, !raw)?;
-        let bitmap = Bitmap::new(image, interpolation, wrap, to_uv);
-        bitmap.map(Texture::Bitmap).map_err(|message| crate::Error::File { file: path, message })
+        Ok(Pending::file(self.next_file(), move || {
+            let bitmap = Bitmap::new(image_io::read_encoded(&path, !raw)?, interpolation, wrap, to_uv);
+            bitmap.map(Texture::Bitmap).map_err(|message| crate::Error::File { file: path, message })
+        }))
     }
 
     fn checkerboard(&mut self, props: Props<'a>, role: Role, usage: Use) -> Result<Texture> {
