@@ -5,6 +5,7 @@
 use crate::math::Rgb;
 use crate::{Error, Result};
 use exr::prelude as ex;
+use rayon::prelude::*;
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufWriter, Cursor, Read, Seek, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -293,11 +294,13 @@ fn decode(
         | DynamicImage::ImageRgb16(_)
         | DynamicImage::ImageRgba16(_) => {
             let t = table(65535);
-            decoded.into_rgb16().pixels().map(|p| Rgb::from_array(p.0.map(|c| t[c as usize]))).collect()
+            let rgb = decoded.into_rgb16();
+            rgb.par_chunks_exact(3).map(|p| Rgb::from_array([0, 1, 2].map(|i| t[p[i] as usize]))).collect()
         }
         _ => {
             let t = table(255);
-            decoded.into_rgb8().pixels().map(|p| Rgb::from_array(p.0.map(|c| t[c as usize]))).collect()
+            let rgb = decoded.into_rgb8();
+            rgb.par_chunks_exact(3).map(|p| Rgb::from_array([0, 1, 2].map(|i| t[p[i] as usize]))).collect()
         }
     };
     Ok(Image { width: width as usize, height: height as usize, pixels })

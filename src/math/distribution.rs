@@ -11,16 +11,15 @@ pub struct Discrete {
 impl Discrete {
     /// From non-negative, finite weights. With all weights zero nothing can be sampled.
     pub fn new(weights: impl IntoIterator<Item = f32>) -> Self {
+        let mut cdf: Vec<f32> = weights.into_iter().collect();
+        let total: f64 = cdf.iter().map(|&w| w as f64).sum();
+        let scale = if total > 0.0 { 1.0 / total } else { 0.0 };
         let mut sum = 0.0f64;
-        let sums: Vec<f64> = weights
-            .into_iter()
-            .map(|w| {
-                sum += w as f64;
-                sum
-            })
-            .collect();
-        let scale = if sum > 0.0 { 1.0 / sum } else { 0.0 };
-        Discrete { cdf: sums.iter().map(|s| (s * scale) as f32).collect(), total: sum }
+        for w in &mut cdf {
+            sum += *w as f64;
+            *w = (sum * scale) as f32;
+        }
+        Discrete { cdf, total }
     }
 
     /// The sum of the weights.

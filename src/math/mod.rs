@@ -4,12 +4,14 @@ mod distribution;
 mod frame;
 mod ray;
 mod sampler;
+mod search;
 pub mod warp;
 
 pub use distribution::Discrete;
 pub use frame::Frame;
 pub use ray::{Ray, offset_origin};
 pub use sampler::{Sampler, Stream};
+pub use search::first_index;
 
 /// Linear sRGB: radiance, flux or reflectance, by context.
 pub type Rgb = glam::Vec3;

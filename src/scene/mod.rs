@@ -1,6 +1,7 @@
 //! A scene owns everything by `Vec` and names it by `u32` index. Loaders fill a [`SceneDescription`]; [`Scene::new`]
 //! builds the acceleration structure and prepares the lights.
 
+mod blocks;
 mod daylight;
 mod fingerprint;
 mod ior;
@@ -9,6 +10,7 @@ mod material;
 mod mitsuba;
 mod mtl;
 mod obj;
+mod pending;
 mod place;
 mod ply;
 mod serialized;

@@ -14,6 +14,7 @@
 //! white sky lights the scene.
 
 use super::material::{Material, Roughness};
+use super::pending::Pending;
 use super::place::{Placement, look_at, place};
 use super::{SceneDescription, obj};
 use crate::bsdf::{Distribution, RoughCoating};
@@ -83,9 +84,11 @@ pub(super) fn load(path: &Path, size: Option<(u32, u32)>) -> Result<SceneDescrip
         builder.add(&mtl, &file, meshes.len() as u32)?;
         meshes.push(mesh);
     }
+    drop(obj);
     let placed = meshes.into_par_iter().map(|mesh| place(mesh, &Placement::IDENTITY).map(Shape::Mesh));
+    let (textures, placed) = rayon::join(|| Pending::all(builder.textures), || placed.collect::<Vec<_>>());
+    let textures = textures.map_err(|(_, error)| error)?;
     let shapes = placed
-        .collect::<Vec<_>>()
         .into_iter()
         .collect::<std::result::Result<Vec<_>, String>>()
         .map_err(|message| Error::File { file: path.into(), message })?;
@@ -101,7 +104,7 @@ pub(super) fn load(path: &Path, size: Option<(u32, u32)>) -> Result<SceneDescrip
         geometry,
         shape_material: builder.shape_material,
         materials: builder.materials,
-        textures: builder.textures,
+        textures,
         lights: builder.lights,
         film: FilmSettings {
             size: (width, height),
@@ -142,7 +145,7 @@ fn camera(bounds: Bounds, aspect: f32) -> Camera {
 struct Builder {
     materials: Vec<Material>,
     shape_material: Vec<u32>,
-    textures: Vec<Texture>,
+    textures: Vec<Pending<Texture>>,
     /// By file and whether it is a colour.
     texture_of: HashMap<(PathBuf, bool), u32>,
     /// By roughness: their tables cost time.
@@ -157,12 +160,16 @@ impl Builder {
         if let Some(index) = self.texture_of.get(&key) {
             return Ok(*index);
         }
-        let fail = |message: String| Error::Scene { file: file.into(), line: mtl.line, message };
+        let (path, file, line) = (path.to_path_buf(), file.to_path_buf(), mtl.line);
+        let index = self.textures.len() as u32;
         let encoding = if srgb { Encoding::Srgb } else { Encoding::Linear };
-        let image = image_io::read_encoded(path, encoding).map_err(|e| fail(e.to_string()))?;
-        let bitmap = Bitmap::new(image, Interpolation::Bilinear, [Wrap::Repeat; 2], Affine2::IDENTITY);
-        self.textures.push(Texture::Bitmap(bitmap.map_err(fail)?));
-        let index = self.textures.len() as u32 - 1;
+        self.textures.push(Pending::file(index, move || {
+            let image = image_io::read_encoded(&path, encoding).map_err(|e| e.to_string());
+            let bitmap = image.and_then(|image| {
+                Bitmap::new(image, Interpolation::Bilinear, [Wrap::Repeat; 2], Affine2::IDENTITY)
+            });
+            bitmap.map(Texture::Bitmap).map_err(|message| Error::Scene { file, line, message })
+        }));
         self.texture_of.insert(key, index);
         Ok(index)
     }

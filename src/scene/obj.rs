@@ -1,9 +1,15 @@
 //! Wavefront OBJ meshes. Own code because errors must name their line, texture coordinates flip as in Mitsuba, and
 //! faces must come grouped by material for scenes that are a bare OBJ.
+//!
+//! A file is read block by block, and the lines of each block in parallel: a first look at them tells how many vertices
+//! have been before any line, so that indices can be resolved and checked where they stand.
 
+use super::blocks::{Blocks, pieces};
 use crate::shape::Mesh;
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
+use memchr::memchr;
+use rayon::prelude::*;
 use std::path::Path;
 
 /// What an OBJ file holds, before vertices are made.
@@ -29,23 +35,49 @@ struct Group {
 type Corner = [u32; 3];
 const NONE: u32 = u32::MAX;
 
+/// What stands before a line.
+#[derive(Clone, Copy, Debug, Default)]
+struct Before {
+    lines: u32,
+    /// Positions, texture coordinates and normals.
+    counts: [usize; 3],
+    group: usize,
+}
+
+/// What a piece of a file says.
+struct Piece {
+    positions: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    uvs: Vec<Vec2>,
+    /// By group, in the order of the lines.
+    triangles: Vec<(usize, Vec<[Corner; 3]>)>,
+    libraries: Vec<(String, u32)>,
+}
+
 impl Obj {
     /// Reads a file. v of texture coordinates becomes 1 − v if `flip_v`.
     ///
     /// # Errors
     /// [`Error::File`] if it cannot be read, [`Error::Scene`] with its line if it makes no sense.
     pub(super) fn read(path: &Path, flip_v: bool) -> Result<Obj> {
-        let bytes = std::fs::read(path)
-            .map_err(|e| Error::File { file: path.into(), message: format!("cannot read the mesh: {e}") })?;
+        let mut blocks = Blocks::open(path)?;
         let mut obj = Obj::default();
-        let mut group = obj.group("", 1);
-        for (i, line) in bytes.split(|&b| b == b'\n').enumerate() {
-            let number = i as u32 + 1;
-            obj.line(line, number, flip_v, &mut group).map_err(|message| Error::Scene {
+        let mut before = Before { group: obj.group("", 1), ..Before::default() };
+        let mut more = true;
+        while more {
+            more = blocks.more()?;
+            let bytes = blocks.bytes();
+            let whole = match bytes.iter().rposition(|&b| b == b'\n') {
+                Some(newline) if more => newline + 1,
+                None if more => 0,
+                _ => bytes.len(),
+            };
+            obj.block(&bytes[..whole], flip_v, &mut before).map_err(|(line, message)| Error::Scene {
                 file: path.into(),
-                line: number,
+                line,
                 message,
             })?;
+            blocks.consume(whole);
         }
         Ok(obj)
     }
@@ -58,11 +90,139 @@ impl Obj {
         self.groups.len() - 1
     }
 
-    fn line(&mut self, line: &[u8], number: u32, flip_v: bool, group: &mut usize) -> Result<(), String> {
-        let line = match line.iter().position(|&b| b == b'#') {
-            Some(comment) => &line[..comment],
-            None => line,
+    /// Reads whole lines.
+    fn block(&mut self, text: &[u8], flip_v: bool, before: &mut Before) -> Result<(), (u32, String)> {
+        let pieces: Vec<&[u8]> = pieces(text, b'\n').collect();
+        let looks: Vec<Look> = pieces.par_iter().map(|piece| Look::at(piece)).collect();
+        let mut starts = Vec::with_capacity(pieces.len());
+        for look in looks {
+            let groups: Vec<usize> =
+                look.materials.iter().map(|(name, line)| self.group(name, before.lines + line)).collect();
+            let last = groups.last().copied();
+            starts.push((*before, groups));
+            before.lines = before.lines.saturating_add(look.lines);
+            before.counts.iter_mut().zip(look.counts).for_each(|(sum, n)| *sum += n);
+            before.group = last.unwrap_or(before.group);
+        }
+        let parsed = pieces.par_iter().zip(starts);
+        let parsed = parsed.map(|(text, (before, groups))| Piece::parse(text, flip_v, before, &groups));
+        for piece in parsed.collect::<Vec<_>>() {
+            let piece = piece?;
+            self.positions.extend(piece.positions);
+            self.normals.extend(piece.normals);
+            self.uvs.extend(piece.uvs);
+            self.libraries.extend(piece.libraries);
+            for (group, triangles) in piece.triangles {
+                self.groups[group].triangles.extend(triangles);
+            }
+        }
+        Ok(())
+    }
+
+    /// Everything as one mesh.
+    pub(super) fn mesh(&self) -> Mesh {
+        self.build(&mut vec![NONE; self.positions.len()], self.groups.iter().flat_map(|g| &g.triangles))
+    }
+
+    /// One mesh per material that is used: its name, the line of its first use, the mesh.
+    pub(super) fn meshes(&self) -> Vec<(String, u32, Mesh)> {
+        let mut first = vec![NONE; self.positions.len()];
+        let used = self.groups.iter().filter(|g| !g.triangles.is_empty());
+        used.map(|g| (g.material.clone(), g.line, self.build(&mut first, g.triangles.iter()))).collect()
+    }
+
+    /// One vertex for each different corner. `first` holds [`NONE`] for every position, before and after.
+    fn build<'a>(&self, first: &mut [u32], triangles: impl Iterator<Item = &'a [Corner; 3]> + Clone) -> Mesh {
+        let has = |i: usize| triangles.clone().flatten().any(|c| c[i] != NONE);
+        let (has_uvs, has_normals) = (has(1), has(2));
+        let mut mesh = Mesh::default();
+        mesh.triangles.reserve_exact(triangles.clone().count());
+        // Vertices of one position are chained: (corner, next vertex).
+        let mut chain: Vec<(Corner, u32)> = Vec::new();
+        for triangle in triangles {
+            let indices = triangle.map(|corner| {
+                let mut vertex = first[corner[0] as usize];
+                while vertex != NONE && chain[vertex as usize].0 != corner {
+                    vertex = chain[vertex as usize].1;
+                }
+                if vertex == NONE {
+                    vertex = chain.len() as u32;
+                    chain.push((corner, std::mem::replace(&mut first[corner[0] as usize], vertex)));
+                }
+                vertex
+            });
+            mesh.triangles.push(indices);
+        }
+        mesh.positions = chain.iter().map(|(c, _)| self.positions[c[0] as usize]).collect();
+        if has_uvs {
+            let uv = |(c, _): &(Corner, u32)| self.uvs.get(c[1] as usize).copied().unwrap_or_default();
+            mesh.uvs = chain.iter().map(uv).collect();
+        }
+        if has_normals {
+            let normal =
+                |(c, _): &(Corner, u32)| self.normals.get(c[2] as usize).copied().unwrap_or_default();
+            mesh.normals = chain.iter().map(normal).collect();
+        }
+        chain.iter().for_each(|(c, _)| first[c[0] as usize] = NONE);
+        mesh
+    }
+}
+
+/// A first look at a piece: what later ones must know of it.
+#[derive(Default)]
+struct Look {
+    lines: u32,
+    counts: [usize; 3],
+    /// Names of materials, and how many lines into the piece.
+    materials: Vec<(String, u32)>,
+}
+
+impl Look {
+    fn at(text: &[u8]) -> Look {
+        let mut look = Look::default();
+        for line in lines(text) {
+            look.lines += 1;
+            match keyword(line) {
+                b"v" => look.counts[0] += 1,
+                b"vt" => look.counts[1] += 1,
+                b"vn" => look.counts[2] += 1,
+                b"usemtl" => look.materials.push((text_after(without_comment(line), b"usemtl"), look.lines)),
+                _ => {}
+            }
+        }
+        look
+    }
+}
+
+impl Piece {
+    /// Parses whole lines; `groups` are those of its materials.
+    fn parse(text: &[u8], flip_v: bool, before: Before, groups: &[usize]) -> Result<Piece, (u32, String)> {
+        let mut piece = Piece {
+            positions: Vec::new(),
+            normals: Vec::new(),
+            uvs: Vec::new(),
+            triangles: vec![(before.group, Vec::new())],
+            libraries: Vec::new(),
         };
+        let mut groups = groups.iter();
+        for (line, number) in lines(text).zip(1u32..) {
+            let number = before.lines.saturating_add(number);
+            piece
+                .line(line, number, flip_v, &before.counts, &mut groups)
+                .map_err(|message| (number, message))?;
+        }
+        Ok(piece)
+    }
+
+    fn line(
+        &mut self,
+        line: &[u8],
+        number: u32,
+        flip_v: bool,
+        before: &[usize; 3],
+        groups: &mut std::slice::Iter<usize>,
+    ) -> Result<(), String> {
+        let line = without_comment(line);
         let mut tokens = line.split(|b| b.is_ascii_whitespace()).filter(|t| !t.is_empty());
         match tokens.next() {
             Some(b"v") => self.positions.push(Vec3::from_array(floats(&mut tokens)?)),
@@ -74,94 +234,99 @@ impl Obj {
                 self.uvs.push(Vec2::new(u, if flip_v { 1.0 - v } else { v }));
             }
             Some(b"f") => {
-                let first = self.corner(tokens.next().ok_or("a face without vertices")?)?;
-                let mut previous = self.corner(tokens.next().ok_or("a face with one vertex")?)?;
-                let mut third = false;
-                // Polygons become fans.
-                for token in tokens {
-                    let corner = self.corner(token)?;
-                    self.groups[*group].triangles.push([first, previous, corner]);
-                    (previous, third) = (corner, true);
-                }
-                if !third {
-                    return Err("a face with two vertices".into());
-                }
+                let own = [self.positions.len(), self.uvs.len(), self.normals.len()];
+                let counts = [0, 1, 2].map(|i| before[i] + own[i]);
+                self.face(&mut tokens, &counts)?;
             }
-            Some(b"usemtl") => {
-                let name = text(line, b"usemtl");
-                *group = self.group(&name, number);
-            }
-            Some(b"mtllib") => self.libraries.push((text(line, b"mtllib"), number)),
+            Some(b"usemtl") => self.triangles.extend(groups.next().map(|&group| (group, Vec::new()))),
+            Some(b"mtllib") => self.libraries.push((text_after(line, b"mtllib"), number)),
             // Object and smoothing groups, lines and points make no difference to surfaces.
             _ => {}
         }
         Ok(())
     }
 
-    /// `v`, `v/t`, `v//n` or `v/t/n`, counted from 1, or from the end if negative.
-    fn corner(&self, token: &[u8]) -> Result<Corner, String> {
-        let counts = [self.positions.len(), self.uvs.len(), self.normals.len()];
-        let mut corner = [NONE; 3];
-        for (i, part) in token.split(|&b| b == b'/').enumerate() {
-            if i >= 3 || (part.is_empty() && i == 0) {
-                return Err(format!("'{}' is not a face corner", show(token)));
-            }
-            if part.is_empty() {
-                continue;
-            }
-            let index: i64 = parse(part).ok_or_else(|| format!("'{}' is not an index", show(part)))?;
-            let resolved = if index < 0 { counts[i] as i64 + index } else { index - 1 };
-            if resolved < 0 || resolved >= counts[i].min(NONE as usize) as i64 {
-                let what = ["vertices", "texture coordinates", "normals"][i];
-                return Err(format!("index {index} is out of range: {} {what} so far", counts[i]));
-            }
-            corner[i] = resolved as u32;
+    fn face<'a>(
+        &mut self,
+        tokens: &mut impl Iterator<Item = &'a [u8]>,
+        counts: &[usize; 3],
+    ) -> Result<(), String> {
+        let Some((_, triangles)) = self.triangles.last_mut() else { return Ok(()) };
+        let first = corner(tokens.next().ok_or("a face without vertices")?, counts)?;
+        let mut previous = corner(tokens.next().ok_or("a face with one vertex")?, counts)?;
+        let mut third = false;
+        // Polygons become fans.
+        for token in tokens {
+            let corner = corner(token, counts)?;
+            triangles.push([first, previous, corner]);
+            (previous, third) = (corner, true);
         }
-        Ok(corner)
+        if third { Ok(()) } else { Err("a face with two vertices".into()) }
     }
+}
 
-    /// Everything as one mesh.
-    pub(super) fn mesh(&self) -> Mesh {
-        self.build(self.groups.iter().flat_map(|g| &g.triangles))
+/// `v`, `v/t`, `v//n` or `v/t/n`, counted from 1, or from the end if negative; `counts` are those so far.
+fn corner(token: &[u8], counts: &[usize; 3]) -> Result<Corner, String> {
+    if let Some(corner) = plain_corner(token, counts) {
+        return Ok(corner);
     }
-
-    /// One mesh per material that is used: its name, the line of its first use, the mesh.
-    pub(super) fn meshes(&self) -> Vec<(String, u32, Mesh)> {
-        let used = self.groups.iter().filter(|g| !g.triangles.is_empty());
-        used.map(|g| (g.material.clone(), g.line, self.build(g.triangles.iter()))).collect()
-    }
-
-    /// One vertex for each different corner.
-    fn build<'a>(&self, triangles: impl Iterator<Item = &'a [Corner; 3]> + Clone) -> Mesh {
-        let has = |i: usize| triangles.clone().flatten().any(|c| c[i] != NONE);
-        let (has_uvs, has_normals) = (has(1), has(2));
-        let mut mesh = Mesh::default();
-        // Vertices of one position are chained: (corner, next vertex).
-        let mut first = vec![NONE; self.positions.len()];
-        let mut chain: Vec<(Corner, u32)> = Vec::new();
-        for triangle in triangles {
-            let indices = triangle.map(|corner| {
-                let mut vertex = first[corner[0] as usize];
-                while vertex != NONE && chain[vertex as usize].0 != corner {
-                    vertex = chain[vertex as usize].1;
-                }
-                if vertex == NONE {
-                    vertex = chain.len() as u32;
-                    chain.push((corner, std::mem::replace(&mut first[corner[0] as usize], vertex)));
-                    mesh.positions.push(self.positions[corner[0] as usize]);
-                    if has_uvs {
-                        mesh.uvs.push(self.uvs.get(corner[1] as usize).copied().unwrap_or_default());
-                    }
-                    if has_normals {
-                        mesh.normals.push(self.normals.get(corner[2] as usize).copied().unwrap_or_default());
-                    }
-                }
-                vertex
-            });
-            mesh.triangles.push(indices);
+    let mut corner = [NONE; 3];
+    for (i, part) in token.split(|&b| b == b'/').enumerate() {
+        if i >= 3 || (part.is_empty() && i == 0) {
+            return Err(format!("'{}' is not a face corner", show(token)));
         }
-        mesh
+        if part.is_empty() {
+            continue;
+        }
+        let index: i64 = parse(part).ok_or_else(|| format!("'{}' is not an index", show(part)))?;
+        let resolved = if index < 0 { counts[i] as i64 + index } else { index - 1 };
+        if resolved < 0 || resolved >= counts[i].min(NONE as usize) as i64 {
+            let what = ["vertices", "texture coordinates", "normals"][i];
+            return Err(format!("index {index} is out of range: {} {what} so far", counts[i]));
+        }
+        corner[i] = resolved as u32;
     }
+    Ok(corner)
+}
+
+/// The same for indices of digits alone that are in range, as nearly all are; `None` for others.
+fn plain_corner(token: &[u8], counts: &[usize; 3]) -> Option<Corner> {
+    let mut corner = [NONE; 3];
+    let (mut part, mut digits, mut index) = (0, 0, 0usize);
+    for &b in token.iter().chain(b"/") {
+        match b {
+            b'0'..=b'9' if digits < 10 => (index, digits) = (10 * index + (b - b'0') as usize, digits + 1),
+            b'/' if part < 3 && index > 0 && index <= counts[part].min(NONE as usize) => {
+                corner[part] = index as u32 - 1;
+                (part, digits, index) = (part + 1, 0, 0);
+            }
+            b'/' if part == 1 && digits == 0 => part = 2,
+            _ => return None,
+        }
+    }
+    Some(corner)
+}
+
+/// Lines, the last of which may lack its end.
+fn lines(text: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let mut rest = text;
+    std::iter::from_fn(move || {
+        let end = memchr(b'\n', rest).map_or(rest.len(), |newline| newline + 1);
+        let (line, after) = rest.split_at(end);
+        rest = after;
+        (!line.is_empty()).then_some(line)
+    })
+}
+
+fn without_comment(line: &[u8]) -> &[u8] {
+    memchr(b'#', line).map_or(line, |comment| &line[..comment])
+}
+
+/// A line's first word.
+fn keyword(line: &[u8]) -> &[u8] {
+    let line = line.trim_ascii_start();
+    let end = line.iter().position(|b| b.is_ascii_whitespace() || *b == b'#').unwrap_or(line.len());
+    &line[..end]
 }
 
 fn show(token: &[u8]) -> String {
@@ -169,7 +334,7 @@ fn show(token: &[u8]) -> String {
 }
 
 /// The rest of a line after its keyword: names may hold spaces.
-fn text(line: &[u8], keyword: &[u8]) -> String {
+fn text_after(line: &[u8], keyword: &[u8]) -> String {
     let line = String::from_utf8_lossy(line);
     line.trim_start().get(keyword.len()..).unwrap_or("").trim().to_string()
 }
@@ -266,5 +431,37 @@ mod tests {
             }
         }
         assert!(matches!(Obj::read(Path::new("/nonexistent.obj"), true), Err(Error::File { .. })));
+    }
+
+    /// Lines are shared by threads, which must know what stood before.
+    #[test]
+    fn pieces_are_put_together() {
+        const N: u32 = 60_000;
+        let mut text = String::from("v 0 0 0\nv 1 0 0\nusemtl a\n");
+        for i in 0..N {
+            if i % 7000 == 0 {
+                text += if i % 14000 == 0 { "usemtl b\n" } else { "usemtl a\n" };
+            }
+            text += &format!("v {} 1 0\nvt .5 {i}\nf -3/{} {}/-1 -1/1\n", i + 2, i + 1, i + 2);
+        }
+        let obj = read(&text).unwrap();
+        let count = |material: &str| {
+            let group = obj.groups.iter().find(|g| g.material == material).unwrap();
+            (group.line, group.triangles.len())
+        };
+        assert_eq!((count("a"), count("b")), ((3, 28_000), (4, 32_000)));
+        for group in &obj.groups {
+            for t in &group.triangles {
+                let i = t[0][0];
+                assert_eq!(*t, [[i, i, NONE], [i + 1, i, NONE], [i + 2, 0, NONE]]);
+            }
+        }
+        let lines = text.lines().count() as u32;
+        for end in ["f 1 2 60003\n", "f 1 2 -60003", "v 1 2\n"] {
+            match read(&format!("{text}{end}")) {
+                Err(Error::Scene { line, .. }) => assert_eq!(line, lines + 1, "{end}"),
+                _ => panic!("{end} was taken"),
+            }
+        }
     }
 }

@@ -1,7 +1,9 @@
 //! What every mesh goes through after its file is read: checks, transform, normals, orientation.
 
+use crate::math::first_index;
 use crate::shape::Mesh;
-use glam::{DAffine3, DMat4, DVec3, Vec3};
+use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
+use rayon::prelude::*;
 
 /// How a scene places a mesh.
 #[derive(Clone, Copy, Debug)]
@@ -26,10 +28,10 @@ impl Placement {
 /// If an index or a coordinate is unusable.
 pub(super) fn place(mut mesh: Mesh, placement: &Placement) -> Result<Mesh, String> {
     let count = mesh.positions.len();
-    for (i, triangle) in mesh.triangles.iter().enumerate() {
-        if let Some(index) = triangle.iter().find(|&&index| index as usize >= count) {
-            return Err(format!("triangle {i} names vertex {index}, but there are only {count}"));
-        }
+    let names_nothing = |triangle: &[u32; 3]| triangle.iter().any(|&index| index as usize >= count);
+    if let Some(i) = first_index(&mesh.triangles, names_nothing) {
+        let index = mesh.triangles[i].iter().find(|&&index| index as usize >= count).unwrap_or(&0);
+        return Err(format!("triangle {i} names vertex {index}, but there are only {count}"));
     }
     for (values, what) in [(mesh.normals.len(), "normals"), (mesh.uvs.len(), "texture coordinates")] {
         if values != 0 && values != count {
@@ -44,11 +46,10 @@ pub(super) fn place(mut mesh: Mesh, placement: &Placement) -> Result<Mesh, Strin
         }
     }
     if placement.to_world != DAffine3::IDENTITY {
-        for p in &mut mesh.positions {
-            *p = placement.to_world.transform_point3(p.as_dvec3()).as_vec3();
-        }
+        let place = |p: &mut Vec3| *p = placement.to_world.transform_point3(p.as_dvec3()).as_vec3();
+        mesh.positions.par_iter_mut().for_each(place);
     }
-    if let Some(i) = mesh.positions.iter().position(|p| !p.is_finite()) {
+    if let Some(i) = first_index(&mesh.positions, |p| !p.is_finite()) {
         return Err(format!("vertex {i} is not finite"));
     }
     if placement.face_normals {
@@ -56,16 +57,15 @@ pub(super) fn place(mut mesh: Mesh, placement: &Placement) -> Result<Mesh, Strin
     } else if mesh.normals.is_empty() {
         mesh.normals = smooth_normals(&mesh);
     } else {
-        let to_world = placement.to_world.matrix3.inverse().transpose();
-        for n in &mut mesh.normals {
-            *n = (to_world * n.as_dvec3()).as_vec3();
+        if placement.to_world.matrix3 != DMat3::IDENTITY {
+            let to_world = placement.to_world.matrix3.inverse().transpose();
+            mesh.normals.par_iter_mut().for_each(|n| *n = (to_world * n.as_dvec3()).as_vec3());
         }
         normalize_normals(&mut mesh);
         wind_by_normals(&mut mesh);
     }
     if placement.flip_normals {
-        swap_winding(&mut mesh);
-        mesh.normals.iter_mut().for_each(|n| *n = -*n);
+        mesh.flip();
     }
     if is_faceted(&mesh) {
         mesh.normals = Vec::new();
@@ -73,48 +73,47 @@ pub(super) fn place(mut mesh: Mesh, placement: &Placement) -> Result<Mesh, Strin
     Ok(mesh)
 }
 
-fn swap_winding(mesh: &mut Mesh) {
-    mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-}
-
 /// Turns triangles around that the given normals see from behind: mirrored ones, and those that the file has clockwise.
 /// Which side is the front, the normals say, as in Mitsuba.
 fn wind_by_normals(mesh: &mut Mesh) {
-    for i in 0..mesh.triangles.len() {
-        let triangle = mesh.triangles[i];
-        let given: Vec3 = triangle.iter().map(|&v| mesh.normals[v as usize]).sum();
-        if mesh.area_vector(i as u32).dot(given) < 0.0 {
-            mesh.triangles[i].swap(1, 2);
+    let Mesh { positions, normals, triangles, .. } = mesh;
+    triangles.par_iter_mut().with_min_len(4096).for_each(|triangle| {
+        let [a, b, c] = triangle.map(|v| positions[v as usize]);
+        let given: Vec3 = triangle.iter().map(|&v| normals[v as usize]).sum();
+        if (b - a).cross(c - a).dot(given) < 0.0 {
+            triangle.swap(1, 2);
         }
-    }
+    });
 }
 
 /// Normals of adjacent triangles weighted by their angles at the vertex (Thürmer & Wüthrich 1998, "Computing Vertex
 /// Normals from Polygonal Facets").
 fn smooth_normals(mesh: &Mesh) -> Vec<Vec3> {
-    let mut normals = vec![Vec3::ZERO; mesh.positions.len()];
-    for triangle in &mesh.triangles {
+    let of_corners = |triangle: &[u32; 3]| {
         let p = triangle.map(|i| mesh.positions[i as usize]);
-        let Some(n) = (p[1] - p[0]).cross(p[2] - p[0]).try_normalize() else { continue };
-        for k in 0..3 {
+        let n = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero();
+        [0, 1, 2].map(|k| {
             let (a, b) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
-            normals[triangle[k] as usize] += n * a.angle_between(b);
+            if n == Vec3::ZERO { n } else { n * a.angle_between(b) }
+        })
+    };
+    let mut normals = vec![Vec3::ZERO; mesh.positions.len()];
+    // Angles cost most and are found in parallel; the sums are taken in the triangles' order.
+    let mut corners = Vec::new();
+    for triangles in mesh.triangles.chunks(1 << 18) {
+        triangles.par_iter().map(of_corners).collect_into_vec(&mut corners);
+        for (&i, n) in triangles.iter().flatten().zip(corners.iter().flatten()) {
+            normals[i as usize] += *n;
         }
     }
-    for n in &mut normals {
-        *n = n.try_normalize().unwrap_or(Vec3::Z);
-    }
+    normals.par_iter_mut().for_each(|n| *n = n.try_normalize().unwrap_or(Vec3::Z));
     normals
 }
 
 /// Unit length for all normals; those that cannot be normalised are replaced by smooth ones.
 fn normalize_normals(mesh: &mut Mesh) {
-    let mut usable = true;
-    for n in &mut mesh.normals {
-        *n = n.try_normalize().unwrap_or(Vec3::ZERO);
-        usable &= *n != Vec3::ZERO;
-    }
-    if !usable {
+    mesh.normals.par_iter_mut().for_each(|n| *n = n.normalize_or_zero());
+    if first_index(&mesh.normals, |n| *n == Vec3::ZERO).is_some() {
         let smooth = smooth_normals(mesh);
         for (n, s) in mesh.normals.iter_mut().zip(smooth) {
             if *n == Vec3::ZERO {
@@ -126,11 +125,11 @@ fn normalize_normals(mesh: &mut Mesh) {
 
 /// Whether the vertex normals equal the triangles' own but for rounding, so that interpolating them is wasted.
 fn is_faceted(mesh: &Mesh) -> bool {
-    mesh.normals.is_empty()
-        || mesh.triangles.iter().enumerate().all(|(i, triangle)| {
-            let Some(n) = mesh.area_vector(i as u32).try_normalize() else { return true };
-            triangle.iter().all(|&v| mesh.normals[v as usize].distance_squared(n) < 1e-12)
-        })
+    let differs = |triangle: &[u32; 3]| {
+        let Some(n) = mesh.area_vector_of(triangle).try_normalize() else { return false };
+        !triangle.iter().all(|&v| mesh.normals[v as usize].distance_squared(n) < 1e-12)
+    };
+    mesh.normals.is_empty() || first_index(&mesh.triangles, differs).is_none()
 }
 
 /// Camera-like frame: z towards the target, x to the left. A zero `up` means any.

@@ -1,8 +1,15 @@
 //! Stanford PLY meshes: ASCII and binary of either byte order, properties in any order, polygons.
+//!
+//! A file is read block by block, and each block in parallel: records are laid out alike as long as their lists are of
+//! equal length, which they mostly are.
 
+use super::blocks::{Blocks, pieces};
+use crate::math::first_index;
 use crate::shape::Mesh;
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
+use memchr::memchr_iter;
+use rayon::prelude::*;
 use std::path::Path;
 
 /// Reads a mesh. v of texture coordinates becomes 1 − v if `flip_v`.
@@ -11,22 +18,16 @@ use std::path::Path;
 /// [`Error::File`] if it cannot be read or is cut off, [`Error::Scene`] with the line for mistakes in its header or in
 /// ASCII data.
 pub(super) fn read(path: &Path, flip_v: bool) -> Result<Mesh> {
-    let file = |message: String| Error::File { file: path.into(), message };
-    let bytes = std::fs::read(path).map_err(|e| file(format!("cannot read the mesh: {e}")))?;
+    let mut blocks = Blocks::open(path)?;
+    blocks.more()?;
     let at_line = |(line, message): (u32, String)| Error::Scene { file: path.into(), line, message };
-    let header = Header::parse(&bytes).map_err(at_line)?;
-    let data = &bytes[header.length..];
+    let header = Header::parse(blocks.bytes()).map_err(at_line)?;
+    blocks.consume(header.length);
+    let elements = &header.elements;
     match header.format {
-        Format::Ascii => {
-            let mut values = Ascii { rest: data, line: header.lines + 1 };
-            read_elements(&header.elements, &mut values, flip_v).map_err(|m| at_line((values.line, m)))
-        }
-        Format::LittleEndian => {
-            read_elements(&header.elements, &mut Binary::<true> { rest: data }, flip_v).map_err(file)
-        }
-        Format::BigEndian => {
-            read_elements(&header.elements, &mut Binary::<false> { rest: data }, flip_v).map_err(file)
-        }
+        Format::Ascii => read_elements(elements, &mut Ascii::new(blocks, header.lines + 1), flip_v),
+        Format::LittleEndian => read_elements(elements, &mut Binary::<true>(blocks), flip_v),
+        Format::BigEndian => read_elements(elements, &mut Binary::<false>(blocks), flip_v),
     }
 }
 
@@ -163,142 +164,293 @@ impl Header {
     }
 }
 
-/// Where values come from.
-trait Values {
-    fn next(&mut self, kind: Type) -> Result<f64, String>;
-    /// Bytes that are left: bounds how many elements there can be.
-    fn left(&self) -> usize;
-    /// Fewest bytes that a value can take.
-    fn least_size(kind: Type) -> usize;
+/// Numbers from a file, read on as they are needed. They are stored in units: bytes, or in ASCII whole numbers.
+trait Source {
+    type Unit: Copy + Send + Sync;
+
+    /// How many units a number takes.
+    fn size(kind: Type) -> usize;
+    /// The number at the beginning of `units`.
+    fn value(units: &[Self::Unit], kind: Type) -> f64;
+    /// That number as an index, [`NONE`] if it is none.
+    fn index(units: &[Self::Unit], kind: Type) -> u32;
+    /// What has been read and not been used.
+    fn units(&self) -> &[Self::Unit];
+    fn consume(&mut self, count: usize);
+    /// Reads on. `false` at the end of the file.
+    fn more(&mut self) -> Result<bool>;
+    /// The most units that can still come, if the file's length is known.
+    fn left(&self) -> Option<u64>;
+    /// An error at one of [`Source::units`].
+    fn error(&self, at: usize, message: String) -> Error;
 }
 
-struct Ascii<'a> {
-    rest: &'a [u8],
+/// No index.
+const NONE: u32 = u32::MAX;
+
+fn index_of(value: f64) -> u32 {
+    let index = value as u32;
+    if index as f64 == value { index } else { NONE }
+}
+
+struct Binary<const LITTLE: bool>(Blocks);
+
+/// The first bytes, in little-endian order.
+fn first<const N: usize, const LITTLE: bool>(bytes: &[u8]) -> [u8; N] {
+    let mut first = bytes.first_chunk().copied().unwrap_or([0; N]);
+    if !LITTLE {
+        first.reverse();
+    }
+    first
+}
+
+impl<const LITTLE: bool> Source for Binary<LITTLE> {
+    type Unit = u8;
+
+    fn size(kind: Type) -> usize {
+        kind.size()
+    }
+
+    fn value(units: &[u8], kind: Type) -> f64 {
+        match kind {
+            Type::I8 => i8::from_le_bytes(first::<1, LITTLE>(units)) as f64,
+            Type::U8 => u8::from_le_bytes(first::<1, LITTLE>(units)) as f64,
+            Type::I16 => i16::from_le_bytes(first::<2, LITTLE>(units)) as f64,
+            Type::U16 => u16::from_le_bytes(first::<2, LITTLE>(units)) as f64,
+            Type::I32 => i32::from_le_bytes(first::<4, LITTLE>(units)) as f64,
+            Type::U32 => u32::from_le_bytes(first::<4, LITTLE>(units)) as f64,
+            Type::F32 => f32::from_le_bytes(first::<4, LITTLE>(units)) as f64,
+            Type::F64 => f64::from_le_bytes(first::<8, LITTLE>(units)),
+        }
+    }
+
+    fn index(units: &[u8], kind: Type) -> u32 {
+        match kind {
+            Type::U32 => u32::from_le_bytes(first::<4, LITTLE>(units)),
+            Type::I32 => {
+                let index = i32::from_le_bytes(first::<4, LITTLE>(units));
+                u32::try_from(index).unwrap_or(NONE)
+            }
+            _ => index_of(Self::value(units, kind)),
+        }
+    }
+
+    fn units(&self) -> &[u8] {
+        self.0.bytes()
+    }
+
+    fn consume(&mut self, count: usize) {
+        self.0.consume(count);
+    }
+
+    fn more(&mut self) -> Result<bool> {
+        self.0.more()
+    }
+
+    fn left(&self) -> Option<u64> {
+        self.0.left()
+    }
+
+    fn error(&self, _: usize, message: String) -> Error {
+        self.0.error(message)
+    }
+}
+
+struct Ascii {
+    blocks: Blocks,
+    numbers: Numbers,
+    /// How many of them have been used.
+    used: usize,
+    /// The line of what comes next in `blocks`.
     line: u32,
 }
 
-impl Values for Ascii<'_> {
-    fn next(&mut self, _: Type) -> Result<f64, String> {
-        let start = self.rest.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(self.rest.len());
-        self.line += self.rest[..start].iter().filter(|&&b| b == b'\n').count() as u32;
-        let rest = &self.rest[start..];
-        let end = rest.iter().position(|b| b.is_ascii_whitespace()).unwrap_or(rest.len());
-        if end == 0 {
-            return Err("the file ends too early".into());
+/// Numbers with their lines, up to the end of a piece of text or to what is no number.
+#[derive(Default)]
+struct Numbers {
+    values: Vec<f64>,
+    lines: Vec<u32>,
+    bad: Option<(u32, String)>,
+}
+
+impl Numbers {
+    fn parse(text: &[u8], mut line: u32) -> Numbers {
+        let mut numbers = Numbers::default();
+        for row in text.split(|&b| b == b'\n') {
+            for token in row.split(|b| b.is_ascii_whitespace()).filter(|t| !t.is_empty()) {
+                let token = std::str::from_utf8(token).unwrap_or("?");
+                let Ok(value) = token.parse() else {
+                    let message = format!("'{}' is not a number", token.chars().take(40).collect::<String>());
+                    numbers.bad = Some((line, message));
+                    return numbers;
+                };
+                numbers.values.push(value);
+                numbers.lines.push(line);
+            }
+            line = line.saturating_add(1);
         }
-        self.rest = &rest[end..];
-        let token = std::str::from_utf8(&rest[..end]).unwrap_or("?");
-        token.parse().map_err(|_| format!("'{}' is not a number", token.chars().take(40).collect::<String>()))
+        numbers
+    }
+}
+
+impl Ascii {
+    fn new(blocks: Blocks, line: u32) -> Ascii {
+        Ascii { blocks, numbers: Numbers::default(), used: 0, line }
     }
 
-    fn left(&self) -> usize {
-        self.rest.len()
+    /// Parses the first `length` bytes of what has been read.
+    fn parse(&mut self, length: usize) {
+        let pieces: Vec<&[u8]> = pieces(&self.blocks.bytes()[..length], b'\n').collect();
+        let newlines = |text: &&[u8]| memchr_iter(b'\n', text).count() as u32;
+        let counts: Vec<u32> = pieces.par_iter().map(newlines).collect();
+        let mut starts = Vec::with_capacity(pieces.len());
+        for count in counts {
+            starts.push(self.line);
+            self.line = self.line.saturating_add(count);
+        }
+        let parsed = pieces.par_iter().zip(starts).map(|(text, line)| Numbers::parse(text, line));
+        for numbers in parsed.collect::<Vec<_>>() {
+            self.numbers.values.extend(numbers.values);
+            self.numbers.lines.extend(numbers.lines);
+            if numbers.bad.is_some() {
+                self.numbers.bad = numbers.bad;
+                break;
+            }
+        }
+        self.blocks.consume(length);
     }
+}
 
-    fn least_size(_: Type) -> usize {
+impl Source for Ascii {
+    type Unit = f64;
+
+    fn size(_: Type) -> usize {
         1
     }
-}
 
-struct Binary<'a, const LITTLE: bool> {
-    rest: &'a [u8],
-}
+    fn value(units: &[f64], _: Type) -> f64 {
+        units.first().copied().unwrap_or(f64::NAN)
+    }
 
-impl<const LITTLE: bool> Binary<'_, LITTLE> {
-    fn take<const N: usize>(&mut self) -> Result<[u8; N], String> {
-        let (head, rest) = self.rest.split_first_chunk::<N>().ok_or("the file ends too early")?;
-        self.rest = rest;
-        let mut bytes = *head;
-        if !LITTLE {
-            bytes.reverse();
+    fn index(units: &[f64], kind: Type) -> u32 {
+        index_of(Self::value(units, kind))
+    }
+
+    fn units(&self) -> &[f64] {
+        &self.numbers.values[self.used..]
+    }
+
+    fn consume(&mut self, count: usize) {
+        self.used += count;
+    }
+
+    fn more(&mut self) -> Result<bool> {
+        if let Some((line, message)) = self.numbers.bad.take() {
+            return Err(Error::Scene { file: self.blocks.path().into(), line, message });
         }
-        Ok(bytes)
-    }
-}
-
-impl<const LITTLE: bool> Values for Binary<'_, LITTLE> {
-    fn next(&mut self, kind: Type) -> Result<f64, String> {
-        Ok(match kind {
-            Type::I8 => i8::from_le_bytes(self.take()?) as f64,
-            Type::U8 => u8::from_le_bytes(self.take()?) as f64,
-            Type::I16 => i16::from_le_bytes(self.take()?) as f64,
-            Type::U16 => u16::from_le_bytes(self.take()?) as f64,
-            Type::I32 => i32::from_le_bytes(self.take()?) as f64,
-            Type::U32 => u32::from_le_bytes(self.take()?) as f64,
-            Type::F32 => f32::from_le_bytes(self.take()?) as f64,
-            Type::F64 => f64::from_le_bytes(self.take()?),
-        })
-    }
-
-    fn left(&self) -> usize {
-        self.rest.len()
-    }
-
-    fn least_size(kind: Type) -> usize {
-        kind.size()
-    }
-}
-
-/// What a vertex property means: position, normal, texture coordinates by component.
-fn slot(name: &str) -> Option<usize> {
-    Some(match name {
-        "x" => 0,
-        "y" => 1,
-        "z" => 2,
-        "nx" => 3,
-        "ny" => 4,
-        "nz" => 5,
-        "u" | "s" | "texture_u" => 6,
-        "v" | "t" | "texture_v" => 7,
-        _ => return None,
-    })
-}
-
-fn read_elements<V: Values>(elements: &[Element], values: &mut V, flip_v: bool) -> Result<Mesh, String> {
-    let mut mesh = Mesh::default();
-    let (mut vertices, mut faces) = (false, false);
-    for element in elements {
-        // A header can promise anything: believe it only as far as the file is long.
-        let least: usize = element.properties.iter().map(|p| V::least_size(p.list.unwrap_or(p.kind))).sum();
-        if least == 0 {
-            continue;
-        }
-        if element.count > (values.left() / least) as u64 {
-            return Err(format!(
-                "the file is too short for the {} elements '{}' that its header promises",
-                element.count, element.name
-            ));
-        }
-        match element.name.as_str() {
-            "vertex" if !vertices => {
-                vertices = true;
-                read_vertices(element, values, flip_v, &mut mesh)?;
+        self.numbers.values.drain(..self.used);
+        self.numbers.lines.drain(..self.used);
+        self.used = 0;
+        let before = self.numbers.values.len();
+        loop {
+            let more = self.blocks.more()?;
+            let bytes = self.blocks.bytes();
+            // A number may go on in the next block.
+            let last = if more { bytes.iter().rposition(u8::is_ascii_whitespace) } else { None };
+            let whole = if more { last.map_or(0, |p| p + 1) } else { bytes.len() };
+            self.parse(whole);
+            if self.numbers.values.len() > before || self.numbers.bad.is_some() {
+                return Ok(true);
             }
-            "face" if !faces => {
-                faces = true;
-                read_faces(element, values, &mut mesh)?;
+            if !more {
+                return Ok(false);
             }
-            "vertex" | "face" => return Err(format!("the element '{}' comes twice", element.name)),
-            _ => {
-                for _ in 0..element.count {
-                    element.properties.iter().try_for_each(|p| skip(p, values))?;
+        }
+    }
+
+    fn left(&self) -> Option<u64> {
+        Some(self.units().len() as u64 + self.blocks.left()?)
+    }
+
+    fn error(&self, at: usize, message: String) -> Error {
+        let line = self.numbers.lines.get(self.used + at).or(self.numbers.lines.last());
+        Error::Scene { file: self.blocks.path().into(), line: line.copied().unwrap_or(self.line), message }
+    }
+}
+
+/// A number in a record: how many units from its beginning.
+#[derive(Clone, Copy)]
+struct Field {
+    offset: usize,
+    kind: Type,
+}
+
+impl Field {
+    fn of<S: Source>(self, record: &[S::Unit]) -> f64 {
+        S::value(record.get(self.offset..).unwrap_or(&[]), self.kind)
+    }
+}
+
+/// Where in a record its numbers are.
+#[derive(Default)]
+struct Layout {
+    size: usize,
+    /// For each property: its value, or the first in its list.
+    fields: Vec<Field>,
+    /// Lengths of its lists, and what they are.
+    counts: Vec<(Field, u64)>,
+}
+
+/// What is wrong, and at which unit.
+type Mistake = (usize, String);
+
+impl Layout {
+    /// Becomes that of the record at the beginning of `units`. `false` if it does not end there.
+    fn update<S: Source>(&mut self, element: &Element, units: &[S::Unit]) -> Result<bool, Mistake> {
+        self.fields.clear();
+        self.counts.clear();
+        let mut at = 0usize;
+        for property in &element.properties {
+            let mut count = 1;
+            if let Some(kind) = property.list {
+                if at.saturating_add(S::size(kind)) > units.len() {
+                    return Ok(false);
                 }
+                let field = Field { offset: at, kind };
+                count = list_length(field.of::<S>(units)).map_err(|message| (at, message))?;
+                self.counts.push((field, count));
+                at += S::size(kind);
             }
+            self.fields.push(Field { offset: at, kind: property.kind });
+            let length = usize::try_from(count).unwrap_or(usize::MAX).saturating_mul(S::size(property.kind));
+            at = at.saturating_add(length);
         }
+        self.size = at;
+        Ok(at <= units.len())
     }
-    if !vertices || !faces {
-        return Err("the file holds no vertices or no faces: not a mesh".into());
+
+    /// How many records, at most `limit`, are of this layout one after the other.
+    fn run<S: Source>(&self, units: &[S::Unit], limit: u64) -> usize {
+        let whole = (units.len() / self.size).min(usize::try_from(limit).unwrap_or(usize::MAX));
+        let differs = |record: &[S::Unit]| self.counts.iter().any(|(f, n)| f.of::<S>(record) != *n as f64);
+        if self.counts.is_empty() {
+            return whole;
+        }
+        // Where lengths alternate, runs are short and not worth several threads.
+        let short = whole.min(SERIAL);
+        let record = |i: &usize| &units[i * self.size..][..self.size];
+        let first = (0..short).find(|i| differs(record(i)));
+        let first = first.or_else(|| {
+            let chunks = (short..whole).into_par_iter().step_by(SERIAL);
+            let chunk = |start: usize| start..whole.min(start + SERIAL);
+            chunks.map(|start| chunk(start).find(|i| differs(record(i)))).find_first(Option::is_some)?
+        });
+        first.unwrap_or(whole)
     }
-    Ok(mesh)
 }
 
-fn skip(property: &Property, values: &mut impl Values) -> Result<(), String> {
-    let count = match property.list {
-        Some(kind) => list_length(values.next(kind)?)?,
-        None => 1,
-    };
-    (0..count).try_for_each(|_| values.next(property.kind).map(|_| ()))
-}
+/// So few records are read by one thread.
+const SERIAL: usize = 2048;
 
 fn list_length(count: f64) -> Result<u64, String> {
     if count >= 0.0 && count.fract() == 0.0 {
@@ -308,79 +460,156 @@ fn list_length(count: f64) -> Result<u64, String> {
     }
 }
 
-fn read_vertices(
+/// Gives `read` all records of an element, as many at a time as are laid out alike, and the number of the first.
+fn for_each_run<S: Source>(
+    source: &mut S,
     element: &Element,
-    values: &mut impl Values,
-    flip_v: bool,
-    mesh: &mut Mesh,
-) -> Result<(), String> {
-    let slots: Vec<_> =
-        element.properties.iter().map(|p| slot(&p.name).filter(|_| p.list.is_none())).collect();
-    let has = |wanted: std::ops::Range<usize>| wanted.into_iter().all(|s| slots.contains(&Some(s)));
-    if !has(0..3) {
-        return Err("the vertices have no x, y, z".into());
-    }
-    let (has_normals, has_uvs) = (has(3..6), has(6..8));
-    mesh.positions.reserve(element.count as usize);
-    let mut vertex = [0.0f32; 8];
-    for i in 0..element.count {
-        for (property, slot) in element.properties.iter().zip(&slots) {
-            match slot {
-                Some(slot) => vertex[*slot] = values.next(property.kind)? as f32,
-                None => skip(property, values)?,
+    mut read: impl FnMut(&Layout, &[S::Unit], u64) -> Result<(), Mistake>,
+) -> Result<()> {
+    let mut layout = Layout::default();
+    let mut done = 0;
+    while done < element.count {
+        let fits = layout.update::<S>(element, source.units());
+        if !fits.map_err(|(at, message)| source.error(at, message))? {
+            if !source.more()? {
+                return Err(source.error(source.units().len(), "the file ends too early".into()));
             }
+            continue;
         }
-        let [x, y, z, nx, ny, nz, u, v] = vertex;
-        let p = Vec3::new(x, y, z);
-        if !p.is_finite() {
-            return Err(format!("vertex {i} is not finite"));
-        }
-        mesh.positions.push(p);
-        if has_normals {
-            mesh.normals.push(Vec3::new(nx, ny, nz));
-        }
-        if has_uvs {
-            mesh.uvs.push(Vec2::new(u, if flip_v { 1.0 - v } else { v }));
-        }
+        let n = layout.run::<S>(source.units(), element.count - done);
+        let end = n * layout.size;
+        read(&layout, &source.units()[..end], done).map_err(|(at, message)| source.error(at, message))?;
+        source.consume(end);
+        done += n as u64;
     }
     Ok(())
 }
 
-fn read_faces(element: &Element, values: &mut impl Values, mesh: &mut Mesh) -> Result<(), String> {
-    let is_indices =
-        |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_index" | "vertex_indices");
-    if element.properties.iter().filter(|p| is_indices(p)).count() != 1 {
-        return Err("the faces have no list 'vertex_indices'".into());
+/// Adds what `f` makes of each of `count` records.
+fn extend<T: Send>(to: &mut Vec<T>, count: usize, f: impl Fn(usize) -> T + Sync + Send) {
+    if count < SERIAL {
+        to.extend((0..count).map(f))
+    } else {
+        to.par_extend((0..count).into_par_iter().map(f))
     }
-    mesh.triangles.reserve(element.count as usize);
-    for i in 0..element.count {
-        for property in &element.properties {
-            let Some(count_kind) = property.list.filter(|_| is_indices(property)) else {
-                skip(property, values)?;
-                continue;
-            };
-            let count = list_length(values.next(count_kind)?)?;
-            let mut index = || {
-                let index = values.next(property.kind)?;
-                if index >= 0.0 && index < u32::MAX as f64 && index.fract() == 0.0 {
-                    Ok(index as u32)
-                } else {
-                    Err(format!("face {i} names vertex {index}"))
-                }
-            };
-            if count < 3 {
-                return Err(format!("face {i} has {count} vertices"));
+}
+
+fn read_elements<S: Source>(elements: &[Element], source: &mut S, flip_v: bool) -> Result<Mesh> {
+    let mut mesh = Mesh::default();
+    let (mut vertices, mut faces) = (false, false);
+    for element in elements {
+        let least: usize = element.properties.iter().map(|p| S::size(p.list.unwrap_or(p.kind))).sum();
+        if least == 0 {
+            continue;
+        }
+        // A header can promise anything: believe it only as far as the file is long.
+        let most = source.left().map(|left| left / least as u64);
+        if most.is_some_and(|most| element.count > most) {
+            let Element { name, count, .. } = element;
+            let message =
+                format!("the file is too short for the {count} elements '{name}' that its header promises");
+            return Err(source.error(0, message));
+        }
+        let expected = if most.is_some() { element.count as usize } else { 0 };
+        match element.name.as_str() {
+            "vertex" if !vertices => {
+                vertices = true;
+                read_vertices(element, source, flip_v, expected, &mut mesh)?;
             }
-            // Polygons become fans.
-            let (first, mut previous) = (index()?, index()?);
-            for _ in 2..count {
-                let next = index()?;
-                mesh.triangles.push([first, previous, next]);
-                previous = next;
+            "face" if !faces => {
+                faces = true;
+                read_faces(element, source, expected, &mut mesh)?;
             }
+            "vertex" | "face" => {
+                return Err(source.error(0, format!("the element '{}' comes twice", element.name)));
+            }
+            _ => for_each_run(source, element, |_, _, _| Ok(()))?,
         }
     }
-    Ok(())
+    if !vertices || !faces {
+        return Err(source.error(0, "the file holds no vertices or no faces: not a mesh".into()));
+    }
+    Ok(mesh)
+}
+
+/// The properties of these names, if all are there and no lists.
+fn find<const N: usize>(element: &Element, names: [&[&str]; N]) -> Option<[usize; N]> {
+    let found = names.map(|names| {
+        element.properties.iter().rposition(|p| p.list.is_none() && names.contains(&p.name.as_str()))
+    });
+    found.iter().all(Option::is_some).then(|| found.map(Option::unwrap_or_default))
+}
+
+fn read_vertices<S: Source>(
+    element: &Element,
+    source: &mut S,
+    flip_v: bool,
+    expected: usize,
+    mesh: &mut Mesh,
+) -> Result<()> {
+    let Some(xyz) = find(element, [&["x"], &["y"], &["z"]]) else {
+        return Err(source.error(0, "the vertices have no x, y, z".into()));
+    };
+    let normal = find(element, [&["nx"], &["ny"], &["nz"]]);
+    let uv = find(element, [&["u", "s", "texture_u"], &["v", "t", "texture_v"]]);
+    mesh.positions.reserve_exact(expected);
+    mesh.normals.reserve_exact(if normal.is_some() { expected } else { 0 });
+    mesh.uvs.reserve_exact(if uv.is_some() { expected } else { 0 });
+    for_each_run(source, element, |layout, units, first| {
+        let count = units.len() / layout.size;
+        let number = |i: usize, property: usize| -> f32 {
+            layout.fields[property].of::<S>(&units[i * layout.size..]) as f32
+        };
+        let vec3 = |i, properties: [usize; 3]| Vec3::from_array(properties.map(|p| number(i, p)));
+        let start = mesh.positions.len();
+        extend(&mut mesh.positions, count, |i| vec3(i, xyz));
+        if let Some(i) = first_index(&mesh.positions[start..], |p| !p.is_finite()) {
+            return Err((i * layout.size, format!("vertex {} is not finite", first + i as u64)));
+        }
+        if let Some(normal) = normal {
+            extend(&mut mesh.normals, count, |i| vec3(i, normal));
+        }
+        if let Some([u, v]) = uv {
+            let flip = |v| if flip_v { 1.0 - v } else { v };
+            extend(&mut mesh.uvs, count, |i| Vec2::new(number(i, u), flip(number(i, v))));
+        }
+        Ok(())
+    })
+}
+
+fn read_faces<S: Source>(element: &Element, source: &mut S, expected: usize, mesh: &mut Mesh) -> Result<()> {
+    let is_indices =
+        |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_index" | "vertex_indices");
+    let mut lists = element.properties.iter().enumerate().filter(|(_, p)| is_indices(p));
+    let (Some((list, property)), None) = (lists.next(), lists.next()) else {
+        return Err(source.error(0, "the faces have no list 'vertex_indices'".into()));
+    };
+    let nth = element.properties[..list].iter().filter(|p| p.list.is_some()).count();
+    let size = S::size(property.kind);
+    // Each has three corners at least.
+    let most = source.left().unwrap_or(0) / (3 * size as u64);
+    mesh.triangles.reserve_exact(expected.min(most as usize));
+    for_each_run(source, element, |layout, units, first| {
+        let corners = layout.counts[nth].1 as usize;
+        if corners < 3 {
+            return Err((layout.counts[nth].0.offset, format!("face {first} has {corners} vertices")));
+        }
+        let field = layout.fields[list];
+        let at = |face: usize, corner: usize| face * layout.size + field.offset + corner * size;
+        let index = |face, corner| S::index(&units[at(face, corner)..], field.kind);
+        // Polygons become fans.
+        let fan = corners - 2;
+        let start = mesh.triangles.len();
+        extend(&mut mesh.triangles, units.len() / layout.size * fan, |i| {
+            let (face, k) = (i / fan, i % fan);
+            [index(face, 0), index(face, k + 1), index(face, k + 2)]
+        });
+        let bad = first_index(&mesh.triangles[start..], |t| t.contains(&NONE));
+        let Some(face) = bad.map(|i| i / fan) else { return Ok(()) };
+        let corner = (0..corners).find(|&k| index(face, k) == NONE).unwrap_or(0);
+        let value = S::value(&units[at(face, corner)..], field.kind);
+        Err((at(face, corner), format!("face {} names vertex {value}", first + face as u64)))
+    })
 }
 
 #[cfg(test)]
@@ -470,5 +699,72 @@ mod tests {
                 other => panic!("{to}: {other:?}"),
             }
         }
+    }
+
+    /// A strip of triangles and quadrilaterals in turns and then of triangles alone, longer than a block; and the line of
+    /// its last face in ASCII.
+    fn strip(format: &str) -> (Vec<u8>, u32) {
+        const N: u32 = 200_000;
+        let header = format!(
+            "ply\nformat {format} 1.0\nelement vertex {N}\nproperty float x\nproperty float y\nproperty float z\n\
+             element face {N}\nproperty list uchar int vertex_indices\nproperty float w\nend_header\n"
+        );
+        let mut bytes = header.clone().into_bytes();
+        let ascii = format == "ascii";
+        for i in 0..N {
+            let p = [i as f32, 0.5, 2.0];
+            if ascii {
+                bytes.extend(format!("{} {} {}\n", p[0], p[1], p[2]).bytes());
+            } else {
+                bytes.extend(p.map(f32::to_le_bytes).concat());
+            }
+        }
+        for i in 0..N {
+            let face: Vec<u32> = (0..if i < 9000 { 3 + i % 2 } else { 3 }).map(|k| (i + k) % N).collect();
+            if ascii {
+                let face: Vec<_> = face.iter().map(u32::to_string).collect();
+                bytes.extend(format!("{} {} 0\n", face.len(), face.join(" ")).bytes());
+            } else {
+                bytes.push(face.len() as u8);
+                bytes.extend(face.iter().flat_map(|v| v.to_le_bytes()));
+                bytes.extend([0; 4]);
+            }
+        }
+        (bytes, header.lines().count() as u32 + 2 * N)
+    }
+
+    #[test]
+    fn blocks_are_put_together() {
+        for format in ["ascii", "binary_little_endian"] {
+            let (bytes, _) = strip(format);
+            let mesh = read_bytes(&bytes).unwrap();
+            assert_eq!((mesh.positions.len(), mesh.triangles.len()), (200_000, 204_500), "{format}");
+            assert!((0..200_000).all(|i| mesh.positions[i] == Vec3::new(i as f32, 0.5, 2.0)));
+            assert_eq!(mesh.triangles[..4], [[0, 1, 2], [1, 2, 3], [1, 3, 4], [2, 3, 4]]);
+            assert_eq!(mesh.triangles[204_499], [199_999, 0, 1]);
+            assert!(read_bytes(&bytes[..bytes.len() - 6]).is_err());
+        }
+    }
+
+    #[test]
+    fn mistakes_are_found_in_later_blocks() {
+        let (mut bytes, line) = strip("ascii");
+        let last = b"3 199999 0 1 0\n".len();
+        bytes.truncate(bytes.len() - last);
+        for (end, message) in [("3 199999 -2 1 0\n", "vertex -2"), ("3 199999 ? 1 0\n", "'?'")] {
+            let bytes = [&bytes, end.as_bytes()].concat();
+            match read_bytes(&bytes) {
+                Err(Error::Scene { line: found, message: text, .. }) => {
+                    assert_eq!(found, line);
+                    assert!(text.contains(message), "{text}");
+                }
+                other => panic!("{:?}", other.err()),
+            }
+        }
+        let (mut bytes, _) = strip("binary_little_endian");
+        let n = bytes.len();
+        bytes[n - 16..n - 12].copy_from_slice(&(-2i32).to_le_bytes());
+        let error = read_bytes(&bytes).unwrap_err().to_string();
+        assert!(error.contains("face 199999 names vertex -2"), "{error}");
     }
 }

@@ -5,7 +5,6 @@
 use super::{Geometry, Mesh, Shape};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
-use std::collections::HashMap;
 
 /// Larger meshes are not searched: their triangles are small, and loading must not wait.
 const MAX_TRIANGLES: usize = 1 << 17;
@@ -113,43 +112,82 @@ enum Beyond {
     Curved,
 }
 
+/// For each vertex the first one at its position: seams of texture coordinates or normals part vertices, not the
+/// surface.
+fn weld(mesh: &Mesh) -> Vec<u32> {
+    let positions = &mesh.positions;
+    // Adding zero makes both zeros one.
+    let key = |i: u32| (positions[i as usize] + Vec3::ZERO).to_array().map(f32::to_bits);
+    let mut sorted: Vec<u32> = if positions.len() > 3 * mesh.triangles.len() {
+        mesh.triangles.iter().flatten().copied().collect()
+    } else {
+        (0..positions.len() as u32).collect()
+    };
+    sorted.sort_unstable_by_key(|&i| (key(i), i));
+    let mut welded = vec![0; positions.len()];
+    for same in sorted.chunk_by(|&a, &b| key(a) == key(b)) {
+        same.iter().for_each(|&i| welded[i as usize] = same[0]);
+    }
+    welded
+}
+
+/// The sides of triangles, by the smaller one of their vertices.
+struct Sides {
+    /// Where the sides of each vertex begin.
+    starts: Vec<u32>,
+    /// The greater vertex; triangle; whether the triangle runs from the smaller to the greater one.
+    sides: Vec<(u32, u32, bool)>,
+}
+
+impl Sides {
+    fn new(vertices: usize, triangles: &[[u32; 3]]) -> Sides {
+        let sides = || (0..).zip(triangles).flat_map(|(t, v)| [0, 1, 2].map(|k| (v[k], v[(k + 1) % 3], t)));
+        let mut starts = vec![0u32; vertices + 1];
+        sides().for_each(|(a, b, _)| starts[a.min(b) as usize] += 1);
+        let mut sum = 0;
+        for start in &mut starts {
+            sum += *start;
+            *start = sum;
+        }
+        // From the end of each vertex' sides to their beginning.
+        let mut sorted = vec![(0, 0, false); 3 * triangles.len()];
+        for (a, b, t) in sides() {
+            let start = &mut starts[a.min(b) as usize];
+            *start -= 1;
+            sorted[*start as usize] = (a.max(b), t, a < b);
+        }
+        Sides { starts, sides: sorted }
+    }
+
+    /// The only other triangle with a side of triangle `t`, and whether it runs as [`Sides::sides`] says.
+    fn other(&self, t: u32, a: u32, b: u32) -> Option<(u32, bool)> {
+        let v = a.min(b) as usize;
+        let all = &self.sides[self.starts[v] as usize..self.starts[v + 1] as usize];
+        let mut others = all.iter().filter(|(end, other, _)| *end == a.max(b) && *other != t);
+        let &(_, other, forward) = others.next()?;
+        others.next().is_none().then_some((other, forward))
+    }
+}
+
 fn of_mesh(mesh: &Mesh) -> (Vec<Facet>, Vec<u32>) {
     let n = mesh.triangles.len();
-    // Seams of texture coordinates or normals part vertices, not the surface.
-    let mut by_position = HashMap::new();
-    let welded: Vec<u32> = mesh
-        .positions
-        .iter()
-        .map(|p| {
-            let next = by_position.len() as u32;
-            *by_position.entry((*p + Vec3::ZERO).to_array().map(f32::to_bits)).or_insert(next)
-        })
-        .collect();
-    let corners = |t: usize| mesh.triangles[t].map(|i| welded[i as usize]);
+    let welded = weld(mesh);
+    let triangles: Vec<[u32; 3]> = mesh.triangles.iter().map(|t| t.map(|i| welded[i as usize])).collect();
+    let sides = Sides::new(mesh.positions.len(), &triangles);
     let normals: Vec<Option<DVec3>> = (0..n)
         .map(|t| {
             let [a, b, c] = mesh.vertices(t as u32).map(|p| p.as_dvec3());
             (b - a).cross(c - a).try_normalize()
         })
         .collect();
-    let mut edges = HashMap::with_capacity(3 * n);
-    for t in 0..n {
-        let v = corners(t);
-        for k in 0..3 {
-            let (a, b) = (v[k], v[(k + 1) % 3]);
-            edges.entry((a.min(b), a.max(b))).or_insert_with(Vec::new).push((t as u32, a < b));
-        }
-    }
     let beyond = |t: usize, k: usize| {
-        let v = corners(t);
+        let v = triangles[t];
         let (a, b) = (v[k], v[(k + 1) % 3]);
-        let others = edges[&(a.min(b), a.max(b))].iter().filter(|(o, _)| *o as usize != t);
-        let others: Vec<_> = others.collect();
-        let [(other, forward)] = others[..] else { return Beyond::End };
-        match (normals[t], normals[*other as usize]) {
+        let Some((other, forward)) = sides.other(t as u32, a, b) else { return Beyond::End };
+        match (normals[t], normals[other as usize]) {
             // Seen from the other side: nothing goes on there.
-            _ if *forward == (a < b) => Beyond::End,
-            (Some(n), Some(m)) if n.dot(m) > SAME_PLANE => Beyond::Flat(*other),
+            _ if forward == (a < b) => Beyond::End,
+            (Some(n), Some(m)) if n.dot(m) > SAME_PLANE => Beyond::Flat(other),
             (Some(n), Some(m)) if n.dot(m) < CREASE => Beyond::End,
             _ => Beyond::Curved,
         }
@@ -157,14 +195,16 @@ fn of_mesh(mesh: &Mesh) -> (Vec<Facet>, Vec<u32>) {
 
     let (mut facets, mut of) = (Vec::new(), vec![NONE; n]);
     let mut visited = vec![false; n];
+    let (mut members, mut ends) = (Vec::new(), Vec::new());
     for seed in 0..n {
         let Some(normal) = normals[seed] else { continue };
         if visited[seed] {
             continue;
         }
         visited[seed] = true;
-        let mut members = vec![seed as u32];
-        let mut ends = Vec::new();
+        members.clear();
+        members.push(seed as u32);
+        ends.clear();
         let mut whole = true;
         let mut next = 0;
         while let Some(&t) = members.get(next) {
@@ -190,7 +230,7 @@ fn of_mesh(mesh: &Mesh) -> (Vec<Facet>, Vec<u32>) {
         let [origin, ..] = mesh.vertices(seed as u32);
         let (s, t) = normal.as_vec3().any_orthonormal_pair();
         let mut facet = Facet { origin, s, t, edges: Vec::with_capacity(ends.len()) };
-        for (triangle, k) in ends {
+        for &(triangle, k) in &ends {
             let v = mesh.vertices(triangle);
             facet.edges.push([v[k], v[(k + 1) % 3]].map(|p| facet.project(p)));
         }
@@ -198,7 +238,7 @@ fn of_mesh(mesh: &Mesh) -> (Vec<Facet>, Vec<u32>) {
         facets.push(facet);
     }
     if facets.is_empty() {
-        of.clear()
+        of = Vec::new();
     }
     (facets, of)
 }

@@ -1,7 +1,12 @@
 //! Triangle meshes.
 
 use super::{Bounds, SurfacePoint};
+use crate::math::first_index;
 use glam::{Affine3A, DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+/// Triangles that one thread takes at a time. Fixed, so that sums do not depend on the number of threads.
+const CHUNK: usize = 1 << 14;
 
 /// Values that a mesh file gives beside its geometry.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,7 +52,11 @@ impl Mesh {
 
     /// World-space bounds of the vertices that triangles use.
     pub fn bounds(&self) -> Bounds {
-        self.triangles.iter().flatten().fold(Bounds::EMPTY, |b, &i| b.grow(self.positions[i as usize]))
+        let of_chunk = |chunk: &[[u32; 3]]| {
+            chunk.iter().flatten().fold(Bounds::EMPTY, |b, &i| b.grow(self.positions[i as usize]))
+        };
+        let chunks: Vec<Bounds> = self.triangles.par_chunks(CHUNK).map(of_chunk).collect();
+        chunks.into_iter().fold(Bounds::EMPTY, Bounds::union)
     }
 
     /// The square [-1,1]² of the xy plane with normal +z and texture coordinates 0..1, transformed. The normal goes
@@ -95,31 +104,45 @@ impl Mesh {
 
     /// Turns the surface inside out: reverses the winding and the normals.
     pub fn flip(&mut self) {
-        for t in &mut self.triangles {
-            t.swap(1, 2);
-        }
-        for n in &mut self.normals {
-            *n = -*n;
-        }
+        self.reverse();
+        self.normals.par_iter_mut().for_each(|n| *n = -*n);
+    }
+
+    /// Reverses the winding alone.
+    pub fn reverse(&mut self) {
+        self.triangles.par_iter_mut().for_each(|t| t.swap(1, 2));
     }
 
     /// The cross product of a triangle's edges: twice its area long.
     pub fn area_vector(&self, triangle: u32) -> Vec3 {
-        cross(self.vertices(triangle)).as_vec3()
+        self.area_vector_of(&self.triangles[triangle as usize])
+    }
+
+    /// The same for any three vertices.
+    pub fn area_vector_of(&self, triangle: &[u32; 3]) -> Vec3 {
+        cross(triangle.map(|i| self.positions[i as usize])).as_vec3()
     }
 
     /// Whether all triangles lie in one plane, exactly.
     pub fn is_flat(&self) -> bool {
-        let normals = (0..self.triangles.len() as u32).map(|t| self.area_vector(t));
-        let Some(n) = normals.clone().find(|n| *n != Vec3::ZERO) else { return false };
+        let mut normals = (0..self.triangles.len() as u32).map(|t| self.area_vector(t));
+        let Some(n) = normals.find(|n| *n != Vec3::ZERO) else { return false };
         let origin = self.vertices(0)[0];
-        let used = self.triangles.iter().flatten().map(|&i| self.positions[i as usize]);
-        used.map(|p| n.dot(p - origin)).all(|h| h == 0.0) && normals.into_iter().all(|m| n.dot(m) >= 0.0)
+        let leaves = |t: &[u32; 3]| {
+            let on_plane = t.iter().all(|&i| n.dot(self.positions[i as usize] - origin) == 0.0);
+            let faces_alike = n.dot(self.area_vector_of(t)) >= 0.0;
+            !(on_plane && faces_alike)
+        };
+        first_index(&self.triangles, leaves).is_none()
     }
 
     /// Sum of the triangles' areas.
     pub fn area(&self) -> f32 {
-        (0..self.triangles.len() as u32).map(|t| 0.5 * cross(self.vertices(t)).length()).sum::<f64>() as f32
+        let of_chunk = |chunk: &[[u32; 3]]| -> f64 {
+            chunk.iter().map(|t| 0.5 * cross(t.map(|i| self.positions[i as usize])).length()).sum()
+        };
+        let chunks: Vec<f64> = self.triangles.par_chunks(CHUNK).map(of_chunk).collect();
+        chunks.iter().sum::<f64>() as f32
     }
 
     /// The point with barycentric weights (1−u−v, u, v). A triangle of no area has the normal z.

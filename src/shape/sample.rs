@@ -3,13 +3,18 @@
 use super::{AreaSample, Shape, Sphere, SurfacePoint};
 use crate::math::{Discrete, warp};
 use glam::{DVec2, DVec3, Vec2, Vec3};
+use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 impl Shape {
     /// The choice of triangle that [`Shape::sample_area`] needs; empty for quadrics.
     pub fn area_distribution(&self) -> Discrete {
         match self {
-            Shape::Mesh(m) => Discrete::new((0..m.triangles.len() as u32).map(|t| m.area_vector(t).length())),
+            Shape::Mesh(m) => {
+                let triangles = (0..m.triangles.len() as u32).into_par_iter();
+                let lengths: Vec<f32> = triangles.map(|t| m.area_vector(t).length()).collect();
+                Discrete::new(lengths)
+            }
             Shape::Sphere(_) | Shape::Disk(_) | Shape::Cylinder(_) => Discrete::default(),
         }
     }

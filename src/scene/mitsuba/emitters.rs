@@ -4,12 +4,13 @@ use super::Loader;
 use super::props::{Props, to_f32, vec3};
 use super::sensor::half_width;
 use super::textures::gamma;
-use crate::Result;
 use crate::image_io::{self, Encoding};
 use crate::light::{Envmap, Light, Projector, Spot};
 use crate::math::Rgb;
+use crate::scene::pending::Pending;
 use crate::scene::spectrum::Role;
 use crate::texture::{Color, Texture};
+use crate::{Error, Result};
 use glam::Vec3;
 
 const KNOWN: &str = "area and directionalarea (inside a shape), point, spot, projector, directional, collimated, constant, \
@@ -52,13 +53,19 @@ impl<'a> Loader<'a> {
                 let message = "time stands still here: use 'sunsky' with one sun instead of 'timed_sunsky'";
                 return Err(props.error(message));
             }
+            "envmap" => {
+                let envmap = self.envmap(props)?;
+                self.lights.push(envmap);
+                vec![]
+            }
             _ => vec![self.single_light(props)?],
         };
         finish(props)?;
-        self.lights.extend(lights);
+        self.lights.extend(lights.into_iter().map(Pending::Ready));
         Ok(())
     }
 
+    /// An emitter that needs no file.
     fn single_light(&mut self, props: Props<'a>) -> Result<Light> {
         Ok(match props.plugin() {
             "point" => Light::Point {
@@ -97,7 +104,6 @@ impl<'a> Loader<'a> {
                 let spot = Spot::new(to_f32(props.to_world()?), intensity, cutoff, beam, texture);
                 Light::Spot(spot.map_err(|message| props.error(message))?)
             }
-            "envmap" => self.envmap(props)?,
             "projector" => self.projector(props)?,
             "collimated" => {
                 let m = to_f32(props.to_world()?);
@@ -122,7 +128,7 @@ impl<'a> Loader<'a> {
         let irradiance = self.color(props, "irradiance", Role::Emission, Rgb::ONE)?;
         // What has no pixels is square.
         let aspect = match irradiance {
-            Color::Texture(i) => match &self.textures[i as usize] {
+            Color::Texture(i) => match self.textures[i as usize].now()? {
                 Texture::Bitmap(bitmap) => bitmap.size().0 as f32 / bitmap.size().1 as f32,
                 _ => 1.0,
             },
@@ -149,7 +155,7 @@ impl<'a> Loader<'a> {
         }
     }
 
-    fn envmap(&mut self, props: Props<'a>) -> Result<Light> {
+    fn envmap(&mut self, props: Props<'a>) -> Result<Pending<Light>> {
         let nested = props.object.properties.iter().find_map(|p| {
             let index = props.object_of(p).ok().flatten()?;
             (self.tree.objects[index].plugin == "bitmap").then(|| {
@@ -166,11 +172,17 @@ impl<'a> Loader<'a> {
             None if raw => Encoding::Linear,
             None => Encoding::Srgb,
         };
-        let image = image_io::read_encoded(&path, encoding)?;
         let scale = props.float("scale", 1.0)?;
         props.boolean("mis_compensation", false)?;
-        let envmap = Envmap::new(image, scale, to_f32(props.to_world()?));
-        envmap.map(Light::Envmap).map_err(|message| props.error(format!("{}: {message}", path.display())))
+        let to_world = to_f32(props.to_world()?);
+        let (file, line) = (self.tree.file(props.object.pos).to_path_buf(), props.object.pos.line);
+        Ok(Pending::file(self.next_file(), move || {
+            let envmap = Envmap::new(image_io::read_encoded(&path, encoding)?, scale, to_world);
+            envmap.map(Light::Envmap).map_err(|message| {
+                let message = format!("{}: {message}", path.display());
+                Error::Scene { file, line, message }
+            })
+        }))
     }
 }
 

@@ -14,6 +14,7 @@ mod xml;
 #[cfg(test)]
 mod tests;
 
+use super::pending::{Pending, unless_failed};
 use super::{IntegratorParam, SceneDescription};
 use crate::Result;
 use crate::light::Light;
@@ -37,10 +38,10 @@ struct Loader<'a> {
     material_of: HashMap<usize, u32>,
     /// By object, those inside of others included.
     made: HashMap<usize, Material>,
-    textures: Vec<Texture>,
+    textures: Vec<Pending<Texture>>,
     /// By object and how it is used.
     texture_of: HashMap<(usize, textures::Use), u32>,
-    lights: Vec<Light>,
+    lights: Vec<Pending<Light>>,
     /// Shapes that are lights, and the light.
     emitters: Vec<(u32, Props<'a>)>,
     /// Whether anything looks mesh attributes up.
@@ -48,6 +49,8 @@ struct Loader<'a> {
     /// Shapes whose materials or lights look mesh attributes up: where they stand, the names, and where those stand.
     attributes: Vec<(u32, xml::Pos, Vec<(String, xml::Pos)>)>,
     jobs: Vec<shapes::Job>,
+    /// How many files the scene has named so far.
+    files: u32,
     shape_material: Vec<u32>,
     depth: u32,
 }
@@ -71,6 +74,7 @@ pub(super) fn load(
         asks_for_attributes: tree.objects.iter().any(xml::Object::is_mesh_attribute),
         attributes: Vec::new(),
         jobs: Vec::new(),
+        files: 0,
         shape_material: Vec::new(),
         depth: 0,
     };
@@ -111,7 +115,17 @@ pub(super) fn load(
         let passes = integrator_params.swap_remove(i).value;
         sample_count = passes.parse().ok().filter(|n| *n > 0).unwrap_or(sample_count);
     }
-    let shapes = shapes::build(loader.jobs)?;
+    let (shapes, (textures, lights)) = rayon::join(
+        || shapes::build(loader.jobs),
+        || rayon::join(|| Pending::all(loader.textures), || Pending::all(loader.lights)),
+    );
+    let mut failures = Vec::new();
+    let shapes = unless_failed(shapes, &mut failures);
+    let textures = unless_failed(textures, &mut failures);
+    let lights = unless_failed(lights, &mut failures);
+    if let Some((_, error)) = failures.into_iter().min_by_key(|failure| failure.0) {
+        return Err(error);
+    }
     for (shape, pos, textures) in loader.attributes {
         for (name, asked) in textures {
             let missing =
@@ -133,8 +147,8 @@ pub(super) fn load(
         geometry: Geometry { shapes },
         shape_material: loader.shape_material,
         materials: loader.materials,
-        textures: loader.textures,
-        lights: loader.lights,
+        textures,
+        lights,
         camera: sensor.camera,
         film: sensor.film,
         sample_count,
@@ -154,6 +168,12 @@ const UNUSED_INTEGRATOR_PARAMETERS: [&str; 6] =
 impl<'a> Loader<'a> {
     fn warn_at(&self, pos: xml::Pos, message: &str) {
         self.tree.warn(pos, message);
+    }
+
+    /// The place of one more file in the scene.
+    fn next_file(&mut self) -> u32 {
+        self.files += 1;
+        self.files
     }
 
     /// Guards recursion through references.

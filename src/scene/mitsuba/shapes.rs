@@ -4,6 +4,7 @@ use super::Loader;
 use super::props::{Props, to_f32};
 use super::xml::Pos;
 use crate::scene::material::Material;
+use crate::scene::pending::{Failure, Pending};
 use crate::scene::place::{Placement, place};
 use crate::scene::{obj, ply, serialized};
 use crate::shape::{Cylinder, Disk, Mesh, Shape, Sphere};
@@ -16,7 +17,7 @@ use std::path::PathBuf;
 /// A shape, or what it takes to read it.
 pub(super) enum Job {
     Ready(Shape),
-    File { format: Format, path: PathBuf, placement: Placement },
+    File { place: u32, format: Format, path: PathBuf, placement: Placement },
 }
 
 pub(super) enum Format {
@@ -26,28 +27,29 @@ pub(super) enum Format {
 }
 
 /// Reads all mesh files. The first error in scene order counts, whatever thread finds it.
-pub(super) fn build(jobs: Vec<Job>) -> Result<Vec<Shape>> {
-    let shapes: Vec<Result<Shape>> = jobs
+pub(super) fn build(jobs: Vec<Job>) -> Result<Vec<Shape>, Failure> {
+    let shapes: Vec<Result<Shape, Failure>> = jobs
         .into_par_iter()
         .map(|job| match job {
             Job::Ready(shape) => Ok(shape),
-            Job::File { format, path, placement } => {
-                let mesh = match format {
-                    Format::Obj { flip_v } => obj::Obj::read(&path, flip_v)?.mesh(),
-                    Format::Ply { flip_v } => ply::read(&path, flip_v)?,
-                    Format::Serialized { index } => serialized::read(&path, index)?,
-                };
-                if mesh.triangles.is_empty() {
-                    return Err(Error::File { file: path, message: "the mesh has no triangles".into() });
-                }
-                match place(mesh, &placement) {
-                    Ok(mesh) => Ok(Shape::Mesh(mesh)),
-                    Err(message) => Err(Error::File { file: path, message }),
-                }
+            Job::File { place, format, path, placement } => {
+                read(format, path, &placement).map(Shape::Mesh).map_err(|error| (place, error))
             }
         })
         .collect();
     shapes.into_iter().collect()
+}
+
+fn read(format: Format, path: PathBuf, placement: &Placement) -> Result<Mesh> {
+    let mesh = match format {
+        Format::Obj { flip_v } => obj::Obj::read(&path, flip_v)?.mesh(),
+        Format::Ply { flip_v } => ply::read(&path, flip_v)?,
+        Format::Serialized { index } => serialized::read(&path, index)?,
+    };
+    if mesh.triangles.is_empty() {
+        return Err(Error::File { file: path, message: "the mesh has no triangles".into() });
+    }
+    place(mesh, placement).map_err(|message| Error::File { file: path, message })
 }
 
 impl<'a> Loader<'a> {
@@ -104,7 +106,7 @@ impl<'a> Loader<'a> {
         };
         if let Some(emitter) = light {
             let light = self.shape_light(emitter, index)?;
-            self.lights.push(light);
+            self.lights.push(Pending::Ready(light));
             self.emitters.push((index, emitter));
         }
         // How Mitsuba differentiates silhouettes.
@@ -154,10 +156,11 @@ impl<'a> Loader<'a> {
         let to_world = to_f32(matrix);
         let flip_normals = props.boolean("flip_normals", false)?;
         let fail = |message| props.error(message);
-        let file = |loader: &Self, format| -> Result<Job> {
+        let file = |loader: &mut Self, format| -> Result<Job> {
             let face_normals = props.boolean("face_normals", false)?;
             let path = loader.filename(props)?;
             Ok(Job::File {
+                place: loader.next_file(),
                 format,
                 path,
                 placement: Placement { to_world: matrix, flip_normals, face_normals },

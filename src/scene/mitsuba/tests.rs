@@ -753,3 +753,24 @@ fn a_light_without_area_is_a_mistake() {
         other => panic!("{:?}", other.map(|_| ())),
     }
 }
+
+/// Files are read by all threads, but the first bad one that the scene names is told of.
+#[test]
+fn the_first_bad_file_counts() {
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["bad.png", "bad.ply", "bad.exr"] {
+        std::fs::write(dir.path().join(name), "nothing").unwrap();
+    }
+    let mesh = r#"<shape type="ply"><string name="filename" value="bad.ply"/></shape>"#;
+    let texture = r#"<shape type="sphere"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">
+        <string name="filename" value="bad.png"/></texture></bsdf></shape>"#;
+    let envmap = r#"<emitter type="envmap"><string name="filename" value="bad.exr"/></emitter>"#;
+    let all = [(mesh, "bad.ply"), (texture, "bad.png"), (envmap, "bad.exr")];
+    for i in 0..3 {
+        let [(a, first), (b, _), (c, _)] = [0, 1, 2].map(|k| all[(i + k) % 3]);
+        let path = dir.path().join("scene.xml");
+        std::fs::write(&path, scene_text(&[a, b, c].concat())).unwrap();
+        let error = load(&path, &[], None).unwrap_err().to_string();
+        assert!(error.contains(first), "{error} is not about {first}");
+    }
+}

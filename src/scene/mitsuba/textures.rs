@@ -6,6 +6,7 @@ use super::xml::{Property, Value, tokens};
 use crate::Result;
 use crate::image_io::{self, Encoding};
 use crate::math::Rgb;
+use crate::scene::pending::Pending;
 use crate::scene::spectrum::{Role, Spectrum};
 use crate::texture::{Bitmap, Color, Interpolation, Scalar, Texture, Wrap};
 use glam::{Affine2, Vec2};
@@ -139,12 +140,12 @@ impl<'a> Loader<'a> {
         }
         let texture = match props.plugin() {
             "bitmap" => self.bitmap(props)?,
-            "checkerboard" => self.checkerboard(props, role, usage)?,
-            "mesh_attribute" => self.attribute(props)?,
+            "checkerboard" => Pending::Ready(self.checkerboard(props, role, usage)?),
+            "mesh_attribute" => Pending::Ready(self.attribute(props)?),
             "vertexcolors" if props.object.old => {
-                Texture::Attribute { name: "vertex_color".into(), scale: Rgb::ONE }
+                Pending::Ready(Texture::Attribute { name: "vertex_color".into(), scale: Rgb::ONE })
             }
-            "gridtexture" if props.object.old => self.grid(props, role)?,
+            "gridtexture" if props.object.old => Pending::Ready(self.grid(props, role)?),
             "scale" if props.object.old => return self.scaled(props, role, usage),
             _ => return self.spectrum_object(props, asker, role).map(Color::Constant),
         };
@@ -155,7 +156,7 @@ impl<'a> Loader<'a> {
         Ok(Color::Texture(index))
     }
 
-    fn bitmap(&mut self, props: Props<'a>) -> Result<Texture> {
+    fn bitmap(&mut self, props: Props<'a>) -> Result<Pending<Texture>> {
         let to_uv = to_uv(props)?;
         let raw = props.boolean("raw", false)?;
         let filters: &[_] = &[
@@ -182,12 +183,15 @@ impl<'a> Loader<'a> {
             None if raw => Encoding::Linear,
             None => Encoding::Srgb,
         };
-        let mut image = image_io::read_encoded(&path, encoding)?;
-        if props.object.old {
-            select_channel(props, &mut image)?;
-        }
-        let bitmap = Bitmap::new(image, interpolation, wrap, to_uv);
-        bitmap.map(Texture::Bitmap).map_err(|message| crate::Error::File { file: path, message })
+        let channel = if props.object.old { channel(props)? } else { None };
+        Ok(Pending::file(self.next_file(), move || {
+            let mut image = image_io::read_encoded(&path, encoding)?;
+            if let Some(channel) = channel {
+                image.pixels.iter_mut().for_each(|p| *p = Rgb::splat(p[channel]));
+            }
+            let bitmap = Bitmap::new(image, interpolation, wrap, to_uv);
+            bitmap.map(Texture::Bitmap).map_err(|message| crate::Error::File { file: path, message })
+        }))
     }
 
     fn checkerboard(&mut self, props: Props<'a>, role: Role, usage: Use) -> Result<Texture> {
@@ -239,7 +243,7 @@ impl<'a> Loader<'a> {
             Color::Constant(rgb) => Color::Constant(rgb * scale),
             Color::Texture(texture) => {
                 let index = self.textures.len() as u32;
-                self.textures.push(Texture::Scaled { texture, scale });
+                self.textures.push(Pending::Ready(Texture::Scaled { texture, scale }));
                 self.texture_of.insert((props.index, usage), index);
                 Color::Texture(index)
             }
@@ -353,19 +357,17 @@ pub(super) fn gamma(props: Props) -> Result<Option<f32>> {
     }
 }
 
-/// Mitsuba 0.6's textures of one channel of an image.
-fn select_channel(props: Props, image: &mut image_io::Image) -> Result<()> {
-    let channel = match props.opt_string("channel")?.map(str::to_lowercase).as_deref() {
-        None | Some("") => return Ok(()),
-        Some("r") => 0,
-        Some("g") => 1,
-        Some("b") => 2,
+/// The channel of an image that a texture of Mitsuba 0.6 consists of, if it is one alone.
+fn channel(props: Props) -> Result<Option<usize>> {
+    match props.opt_string("channel")?.map(str::to_lowercase).as_deref() {
+        None | Some("") => Ok(None),
+        Some("r") => Ok(Some(0)),
+        Some("g") => Ok(Some(1)),
+        Some("b") => Ok(Some(2)),
         Some(other) => {
-            return Err(props.error_at("channel", format!("'channel' is '{other}', but must be r, g or b")));
+            Err(props.error_at("channel", format!("'channel' is '{other}', but must be r, g or b")))
         }
-    };
-    image.pixels.iter_mut().for_each(|p| *p = Rgb::splat(p[channel]));
-    Ok(())
+    }
 }
 
 /// The transform of texture coordinates: x and y of a 3D transform, as in Mitsuba (which therefore ignores the third
