@@ -5,7 +5,7 @@
 
 use super::blocks::{Blocks, pieces};
 use crate::math::first_index;
-use crate::shape::Mesh;
+use crate::shape::{Attribute, Mesh};
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
 use memchr::memchr_iter;
@@ -540,6 +540,63 @@ fn find<const N: usize>(element: &Element, names: [&[&str]; N]) -> Option<[usize
     found.iter().all(Option::is_some).then(|| found.map(Option::unwrap_or_default))
 }
 
+/// Properties that make an attribute together.
+struct Group {
+    name: String,
+    properties: Vec<usize>,
+    /// 1, or what brings a colour of integers to 0..1.
+    scale: f32,
+}
+
+impl Group {
+    /// The value in a record.
+    fn of<S: Source>(&self, layout: &Layout, record: &[S::Unit]) -> Vec3 {
+        let number = |k: usize| match self.properties.get(k) {
+            Some(&property) => layout.fields[property].of::<S>(record) as f32 * self.scale,
+            None => 0.0,
+        };
+        if self.properties.len() == 1 {
+            Vec3::splat(number(0))
+        } else {
+            Vec3::new(number(0), number(1), number(2))
+        }
+    }
+}
+
+/// Attributes as Mitsuba 3 finds them: neighbours called `NAME_x`, `NAME_y`, … (or r, g, b or numbers instead) are one
+/// called `vertex_NAME` or `face_NAME`; those called r, g, b or red, green, blue are its `color`.
+fn groups(element: &Element) -> Vec<Group> {
+    const OTHERS: [&str; 12] =
+        ["x", "y", "z", "nx", "ny", "nz", "u", "v", "s", "t", "texture_u", "texture_v"];
+    let mut groups: Vec<Group> = Vec::new();
+    for (i, property) in element.properties.iter().enumerate() {
+        let name = property.name.as_str();
+        if property.list.is_some() || OTHERS.contains(&name) {
+            continue;
+        }
+        let group = match name.rsplit_once('_') {
+            _ if ["r", "g", "b", "a", "red", "green", "blue", "alpha"].contains(&name) => "color",
+            Some((group, postfix)) if postfix.len() == 1 && "xyzwrgba01234".contains(postfix) => group,
+            _ => continue,
+        };
+        let name = format!("{}_{group}", element.name);
+        match groups.last_mut() {
+            Some(last) if last.name == name && last.properties.last() == Some(&(i - 1)) => {
+                last.properties.push(i);
+            }
+            _ => {
+                let scale = match property.kind {
+                    Type::U8 if group == "color" => 1.0 / 255.0,
+                    Type::U16 if group == "color" => 1.0 / 65535.0,
+                    _ => 1.0,
+                };
+                groups.push(Group { name, properties: vec![i], scale });
+            }
+        }
+    }
+    groups
+}
+
 fn read_vertices<S: Source>(
     element: &Element,
     source: &mut S,
@@ -555,6 +612,8 @@ fn read_vertices<S: Source>(
     mesh.positions.reserve_exact(expected);
     mesh.normals.reserve_exact(if normal.is_some() { expected } else { 0 });
     mesh.uvs.reserve_exact(if uv.is_some() { expected } else { 0 });
+    let groups = groups(element);
+    let mut attributes = vec![Vec::new(); groups.len()];
     for_each_run(source, element, |layout, units, first| {
         let count = units.len() / layout.size;
         let number = |i: usize, property: usize| -> f32 {
@@ -573,8 +632,18 @@ fn read_vertices<S: Source>(
             let flip = |v| if flip_v { 1.0 - v } else { v };
             extend(&mut mesh.uvs, count, |i| Vec2::new(number(i, u), flip(number(i, v))));
         }
+        for (group, values) in groups.iter().zip(&mut attributes) {
+            extend(values, count, |i| group.of::<S>(layout, &units[i * layout.size..]));
+        }
         Ok(())
-    })
+    })?;
+    add_attributes(mesh, groups, attributes);
+    Ok(())
+}
+
+fn add_attributes(mesh: &mut Mesh, groups: Vec<Group>, values: Vec<Vec<Vec3>>) {
+    let named = groups.into_iter().zip(values).map(|(group, values)| Attribute { name: group.name, values });
+    mesh.attributes.extend(named);
 }
 
 fn read_faces<S: Source>(element: &Element, source: &mut S, expected: usize, mesh: &mut Mesh) -> Result<()> {
@@ -589,6 +658,8 @@ fn read_faces<S: Source>(element: &Element, source: &mut S, expected: usize, mes
     // Each has three corners at least.
     let most = source.left().unwrap_or(0) / (3 * size as u64);
     mesh.triangles.reserve_exact(expected.min(most as usize));
+    let groups = groups(element);
+    let mut attributes = vec![Vec::new(); groups.len()];
     for_each_run(source, element, |layout, units, first| {
         let corners = layout.counts[nth].1 as usize;
         if corners < 3 {
@@ -604,12 +675,18 @@ fn read_faces<S: Source>(element: &Element, source: &mut S, expected: usize, mes
             let (face, k) = (i / fan, i % fan);
             [index(face, 0), index(face, k + 1), index(face, k + 2)]
         });
+        for (group, values) in groups.iter().zip(&mut attributes) {
+            let faces = units.len() / layout.size;
+            extend(values, faces * fan, |i| group.of::<S>(layout, &units[i / fan * layout.size..]));
+        }
         let bad = first_index(&mesh.triangles[start..], |t| t.contains(&NONE));
         let Some(face) = bad.map(|i| i / fan) else { return Ok(()) };
         let corner = (0..corners).find(|&k| index(face, k) == NONE).unwrap_or(0);
         let value = S::value(&units[at(face, corner)..], field.kind);
         Err((at(face, corner), format!("face {} names vertex {value}", first + face as u64)))
-    })
+    })?;
+    add_attributes(mesh, groups, attributes);
+    Ok(())
 }
 
 #[cfg(test)]
@@ -662,6 +739,20 @@ mod tests {
             assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
             assert!(mesh.normals.is_empty());
         }
+    }
+
+    #[test]
+    fn attributes_are_grouped() {
+        let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+            property uchar red\nproperty uchar green\nproperty uchar blue\nproperty float heat_x\nproperty float lone\n\
+            element face 1\nproperty list uchar int vertex_index\nproperty float r\nproperty float g\nproperty float b\n\
+            end_header\n0 0 0 255 0 51 7 9\n1 0 0 0 0 0 1 9\n1 1 0 0 0 0 2 9\n0 1 0 0 0 0 3 9\n4 0 1 2 3 .1 .2 .3\n";
+        let mesh = read_bytes(text.as_bytes()).unwrap();
+        let names: Vec<_> = mesh.attributes.iter().map(|a| a.name.as_str()).collect();
+        assert_eq!(names, ["vertex_color", "vertex_heat", "face_color"]);
+        assert!(mesh.attributes[0].values[0].distance(Vec3::new(1.0, 0.0, 0.2)) < 1e-6);
+        assert_eq!(mesh.attributes[1].values, [7.0, 1.0, 2.0, 3.0].map(Vec3::splat));
+        assert_eq!(mesh.attributes[2].values, [Vec3::new(0.1, 0.2, 0.3); 2]);
     }
 
     #[test]
