@@ -46,8 +46,8 @@ struct Loader<'a> {
     emitters: Vec<(u32, Props<'a>)>,
     /// Whether anything looks mesh attributes up.
     asks_for_attributes: bool,
-    /// Shapes whose materials or lights look mesh attributes up: where they stand, the names, and where those stand.
-    attributes: Vec<(u32, xml::Pos, Vec<(String, xml::Pos)>)>,
+    /// Shapes, where they stand, and what attributes of meshes their materials and lights look up.
+    attributes: Vec<(u32, xml::Pos, Vec<xml::Asked>)>,
     jobs: Vec<shapes::Job>,
     /// How many files the scene has named so far.
     files: u32,
@@ -127,7 +127,7 @@ pub(super) fn load(
         return Err(error);
     }
     for (shape, pos, textures) in loader.attributes {
-        for (name, asked) in textures {
+        for xml::Asked { name, pos: asked } in textures {
             let missing =
                 !matches!(&shapes[shape as usize], Shape::Mesh(mesh) if mesh.attribute(&name).is_some());
             if missing {

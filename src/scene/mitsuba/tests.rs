@@ -740,6 +740,95 @@ fn whole_scenes_load() {
     println!("{count} scenes");
 }
 
+/// Words, units and defaults of Mitsuba 0.6.
+#[test]
+fn old_scenes_are_read_in_their_words() {
+    let old = |body: &str| {
+        let text = format!("<scene version='0.5.0'>{SENSOR}\n{body}\n</scene>");
+        load_text(&text, &[]).unwrap_or_else(|e| panic!("{body}: {e}"))
+    };
+    let material = |bsdf: &str| {
+        let scene = old(&format!("<shape type='sphere'>{bsdf}</shape>"));
+        scene.materials[scene.shape_material[0] as usize].clone()
+    };
+    let Material::Diffuse { reflectance: Color::Constant(encoded) } =
+        material("<bsdf type='diffuse'><srgb name='diffuseReflectance' value='0.5, 0, 1'/></bsdf>")
+    else {
+        panic!()
+    };
+    assert!(encoded.distance(Rgb::new(0.214_041, 0.0, 1.0)) < 1e-5, "{encoded}");
+    // Copper unless told otherwise.
+    let Material::Conductor { eta: Color::Constant(eta), .. } = material("<bsdf type='conductor'/>") else {
+        panic!()
+    };
+    assert!(eta.x < 0.3 && eta.z > 1.0, "{eta}");
+    let Material::Dielectric { eta, .. } = material(
+        "<bsdf type='dielectric'><float name='intIOR' value='1.8'/><float name='extIOR' value='1.2'/></bsdf>",
+    ) else {
+        panic!()
+    };
+    assert!((eta - 1.5).abs() < 1e-6);
+    // The second and third of weights that leave a tenth black.
+    let diffuse = "<bsdf type='diffuse'/>";
+    let Material::Blend { weight: Scalar::Constant(rest), nested: [_, others] } = material(&format!(
+        "<bsdf type='mixturebsdf'><string name='weights' value='0.5, 0.3, 0.1'/>{diffuse}{diffuse}{diffuse}</bsdf>"
+    )) else {
+        panic!()
+    };
+    assert!((rest - 0.5).abs() < 1e-6);
+    let Material::Blend { weight: Scalar::Constant(rest), .. } = *others else { panic!() };
+    assert!((rest - 0.4).abs() < 1e-6, "{rest}");
+
+    let scene = old(
+        "<shape type='sphere'><emitter type='area'><spectrum name='radiance' value='10'/></emitter></shape>\
+                     <integrator type='irrcache'><integrator type='sppm'><integer name='maxPasses' value='7'/>\
+                     <float name='initialRadius' value='0.1'/></integrator></integrator>",
+    );
+    let Light::Area { radiance, .. } = scene.lights[0] else { panic!() };
+    assert_eq!(radiance, Color::Constant(Rgb::splat(10.0)));
+    assert_eq!((scene.integrator.as_str(), scene.sample_count), ("sppm", 7));
+    assert_eq!(scene.integrator_params[0].name, "initial_radius");
+    // What means nothing is told once, however often it is there.
+    let shape = "<shape type='sphere'><float name='someThing' value='1'/></shape>";
+    let scene = old(&format!("{shape}{shape}"));
+    assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
+    assert!(scene.warnings[0].contains("some_thing"));
+    // And 0.4's.
+    let text = "<scene version='0.4.0'><camera type='perspective'><transform name='toWorld'><lookAt origin='0,0,5' \
+                target='0,0,0' up='0,1,0'/></transform></camera><luminaire type='point'><blackbody name='intensity' \
+                temperature='5000K'/></luminaire></scene>";
+    let scene = load_text(text, &[]).unwrap();
+    assert_eq!(Vec3::from(scene.camera.to_world.translation), Vec3::new(0.0, 0.0, 5.0));
+    let Light::Point { intensity, .. } = scene.lights[0] else { panic!() };
+    assert!(intensity.x > intensity.z && intensity.z > 0.0);
+}
+
+#[test]
+fn instances_and_attributes() {
+    let scene = load_body(
+        "<shape type='shapegroup' id='g'><shape type='sphere'><point name='center' value='1,0,0'/></shape></shape>\
+         <shape type='instance'><ref id='g'/><transform name='to_world'><scale value='2'/><translate x='1'/></transform>\
+         </shape><shape type='instance'><ref id='g'/></shape>",
+    )
+    .unwrap();
+    let spheres: Vec<_> = scene
+        .geometry
+        .shapes
+        .iter()
+        .map(|shape| match shape {
+            Shape::Sphere(s) => (s.center.x, s.radius),
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    assert_eq!(spheres, [(3.0, 2.0), (1.0, 1.0)]);
+    let error = load_body(
+        "<shape type='sphere'><bsdf type='diffuse'>\n<texture name='reflectance' type='mesh_attribute'>\
+         <string name='name' value='vertex_color'/></texture></bsdf></shape>",
+    );
+    let error = error.unwrap_err().to_string();
+    assert!(error.contains("scene.xml:3: ") && error.contains("vertex_color"), "{error}");
+}
+
 #[test]
 fn a_light_without_area_is_a_mistake() {
     let dir = tempfile::tempdir().unwrap();

@@ -88,6 +88,14 @@ impl Object {
     }
 }
 
+/// A mesh attribute that a texture looks up.
+#[derive(Clone, Debug)]
+pub(super) struct Asked {
+    pub name: String,
+    /// Where the texture stands.
+    pub pos: Pos,
+}
+
 /// Everything that the files say. Object 0 is the scene.
 #[derive(Debug)]
 pub(super) struct Tree {
@@ -180,8 +188,8 @@ impl Tree {
         }
     }
 
-    /// Names and places of the mesh attributes that an object looks up, by whatever it holds or refers to.
-    pub(super) fn mesh_attributes(&self, object: usize) -> Vec<(String, Pos)> {
+    /// The mesh attributes that an object looks up, by whatever it holds or refers to.
+    pub(super) fn mesh_attributes(&self, object: usize) -> Vec<Asked> {
         let (mut found, mut seen, mut waiting) = (Vec::new(), HashSet::new(), vec![object]);
         while let Some(index) = waiting.pop() {
             let object = &self.objects[index];
@@ -193,7 +201,7 @@ impl Tree {
                     Value::String(name) if p.name == "name" => Some(name.as_str()),
                     _ => None,
                 });
-                found.push((name.unwrap_or("vertex_color").to_string(), object.pos));
+                found.push(Asked { name: name.unwrap_or("vertex_color").to_string(), pos: object.pos });
             }
             waiting.extend(object.properties.iter().filter_map(|p| match &p.value {
                 Value::Object(index) => Some(*index),
