@@ -18,10 +18,9 @@ fuzz_target!(init: init(), |data: &[u8]| {
     let path = caustica_fuzz::put("image.tga", data);
     let Some(image) = caustica_fuzz::check(image_io::read(&path)) else { return };
     assert_eq!(image.pixels.len(), image.width * image.height);
-    let bitmap = Bitmap::new(image.clone(), Interpolation::Bilinear, Wrap::Repeat, Affine2::IDENTITY);
+    let bitmap = Bitmap::new(image.clone(), Interpolation::Bilinear, [Wrap::Repeat; 2], Affine2::IDENTITY);
     let texture = Texture::Bitmap(bitmap.expect("it has pixels"));
-    texture.mean();
-    texture.eval(&Vec2::new(0.3, -0.7).into());
+    texture.eval(&[], &Vec2::new(0.3, -0.7).into());
     if image.pixels.len() < 1 << 16 {
         let _ = Envmap::new(image, 1.0, Affine3A::IDENTITY);
     }
