@@ -8,7 +8,10 @@ use rayon::prelude::*;
 /// How a scene places a mesh.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Placement {
+    /// The shape's own transform.
     pub to_world: DAffine3,
+    /// That of the instance around it, if there is one.
+    pub instance: DAffine3,
     /// Turn the surface around.
     pub flip_normals: bool,
     /// No vertex normals, whatever the file holds.
@@ -17,8 +20,12 @@ pub(super) struct Placement {
 
 impl Placement {
     /// As the file has it.
-    pub(super) const IDENTITY: Placement =
-        Placement { to_world: DAffine3::IDENTITY, flip_normals: false, face_normals: false };
+    pub(super) const IDENTITY: Placement = Placement {
+        to_world: DAffine3::IDENTITY,
+        instance: DAffine3::IDENTITY,
+        flip_normals: false,
+        face_normals: false,
+    };
 }
 
 /// Brings a mesh from its file to the scene. As in Mitsuba, a mesh without normals gets smooth ones unless
@@ -45,24 +52,32 @@ pub(super) fn place(mut mesh: Mesh, placement: &Placement) -> Result<Mesh, Strin
             return Err(format!("the attribute '{name}' has {values} values, not {wanted}"));
         }
     }
-    if placement.to_world != DAffine3::IDENTITY {
-        let place = |p: &mut Vec3| *p = placement.to_world.transform_point3(p.as_dvec3()).as_vec3();
-        mesh.positions.par_iter_mut().for_each(place);
+    let has_normals = !mesh.normals.is_empty();
+    let is_smooth = !has_normals && !placement.face_normals;
+    // An instance bends the normals that the shape has got without it.
+    let inherits_normals = is_smooth && placement.instance.matrix3 != DMat3::IDENTITY;
+    if inherits_normals {
+        let mut own = mesh.positions.clone();
+        transform(&mut own, placement.to_world);
+        mesh.normals = smooth_normals(&own, &mesh.triangles);
     }
+    transform(&mut mesh.positions, placement.instance * placement.to_world);
     if let Some(i) = first_index(&mesh.positions, |p| !p.is_finite()) {
         return Err(format!("vertex {i} is not finite"));
     }
     if placement.face_normals {
         mesh.normals = Vec::new();
-    } else if mesh.normals.is_empty() {
-        mesh.normals = smooth_normals(&mesh);
+    } else if inherits_normals {
+        transform_normals(&mut mesh, placement.instance.matrix3);
+    } else if is_smooth {
+        mesh.normals = smooth_normals(&mesh.positions, &mesh.triangles);
     } else {
-        if placement.to_world.matrix3 != DMat3::IDENTITY {
-            let to_world = placement.to_world.matrix3.inverse().transpose();
-            mesh.normals.par_iter_mut().for_each(|n| *n = (to_world * n.as_dvec3()).as_vec3());
-        }
-        normalize_normals(&mut mesh);
+        transform_normals(&mut mesh, placement.instance.matrix3 * placement.to_world.matrix3);
         wind_by_normals(&mut mesh);
+    }
+    // Faces keep their sides in a mirrored instance.
+    if (is_smooth || placement.face_normals) && placement.instance.matrix3.determinant() < 0.0 {
+        mesh.reverse();
     }
     if placement.flip_normals {
         mesh.flip();
@@ -71,6 +86,12 @@ pub(super) fn place(mut mesh: Mesh, placement: &Placement) -> Result<Mesh, Strin
         mesh.normals = Vec::new();
     }
     Ok(mesh)
+}
+
+fn transform(positions: &mut [Vec3], to_world: DAffine3) {
+    if to_world != DAffine3::IDENTITY {
+        positions.par_iter_mut().for_each(|p| *p = to_world.transform_point3(p.as_dvec3()).as_vec3());
+    }
 }
 
 /// Turns triangles around that the given normals see from behind: mirrored ones, and those that the file has clockwise.
@@ -88,19 +109,19 @@ fn wind_by_normals(mesh: &mut Mesh) {
 
 /// Normals of adjacent triangles weighted by their angles at the vertex (Thürmer & Wüthrich 1998, "Computing Vertex
 /// Normals from Polygonal Facets").
-fn smooth_normals(mesh: &Mesh) -> Vec<Vec3> {
+fn smooth_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
     let of_corners = |triangle: &[u32; 3]| {
-        let p = triangle.map(|i| mesh.positions[i as usize]);
+        let p = triangle.map(|i| positions[i as usize]);
         let n = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero();
         [0, 1, 2].map(|k| {
             let (a, b) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
             if n == Vec3::ZERO { n } else { n * a.angle_between(b) }
         })
     };
-    let mut normals = vec![Vec3::ZERO; mesh.positions.len()];
+    let mut normals = vec![Vec3::ZERO; positions.len()];
     // Angles cost most and are found in parallel; the sums are taken in the triangles' order.
     let mut corners = Vec::new();
-    for triangles in mesh.triangles.chunks(1 << 18) {
+    for triangles in triangles.chunks(1 << 18) {
         triangles.par_iter().map(of_corners).collect_into_vec(&mut corners);
         for (&i, n) in triangles.iter().flatten().zip(corners.iter().flatten()) {
             normals[i as usize] += *n;
@@ -110,11 +131,15 @@ fn smooth_normals(mesh: &Mesh) -> Vec<Vec3> {
     normals
 }
 
-/// Unit length for all normals; those that cannot be normalised are replaced by smooth ones.
-fn normalize_normals(mesh: &mut Mesh) {
+/// Transforms normals to unit length; those that cannot be normalised are replaced by smooth ones.
+fn transform_normals(mesh: &mut Mesh, to_world: DMat3) {
+    if to_world != DMat3::IDENTITY {
+        let to_world = to_world.inverse().transpose();
+        mesh.normals.par_iter_mut().for_each(|n| *n = (to_world * n.as_dvec3()).as_vec3());
+    }
     mesh.normals.par_iter_mut().for_each(|n| *n = n.normalize_or_zero());
     if first_index(&mesh.normals, |n| *n == Vec3::ZERO).is_some() {
-        let smooth = smooth_normals(mesh);
+        let smooth = smooth_normals(&mesh.positions, &mesh.triangles);
         for (n, s) in mesh.normals.iter_mut().zip(smooth) {
             if *n == Vec3::ZERO {
                 *n = s;
@@ -185,7 +210,7 @@ mod tests {
         for scale in [DVec3::new(1.0, 2.0, 3.0), DVec3::new(1.0, 2.0, -3.0), DVec3::new(-1.0, -1.0, -1.0)] {
             for flip_normals in [false, true] {
                 let placement =
-                    Placement { to_world: DAffine3::from_scale(scale), flip_normals, face_normals: false };
+                    Placement { to_world: DAffine3::from_scale(scale), flip_normals, ..Placement::IDENTITY };
                 let mesh = place(bent.clone(), &placement).unwrap();
                 let n = mesh.normals[0];
                 assert!(mesh.area_vector(0).dot(n) > 0.0, "{scale} {flip_normals}");
@@ -216,5 +241,30 @@ mod tests {
         assert!(place(mesh, &Placement::IDENTITY).is_err());
         let huge = Placement { to_world: DAffine3::from_scale(DVec3::splat(1e39)), ..Placement::IDENTITY };
         assert!(place(folded(), &huge).is_err());
+    }
+
+    /// Mitsuba transforms what is in an instance with its normals, which it has without the instance.
+    #[test]
+    fn instances_keep_sides_and_normals() {
+        let to_world = DAffine3::from_rotation_x(0.3) * DAffine3::from_scale(DVec3::new(1.0, 2.0, 1.0));
+        for scale in [DVec3::new(1.0, 1.0, 4.0), DVec3::new(-1.0, 2.0, 0.5)] {
+            let instance = DAffine3::from_rotation_y(1.0) * DAffine3::from_scale(scale);
+            for face_normals in [false, true] {
+                let own = Placement { to_world, face_normals, ..Placement::IDENTITY };
+                let alone = place(folded(), &own).unwrap();
+                let mesh = place(folded(), &Placement { instance, ..own }).unwrap();
+                let bend = instance.matrix3.inverse().transpose();
+                let bent = |n: Vec3| (bend * n.as_dvec3()).normalize().as_vec3();
+                for (n, own) in mesh.normals.iter().zip(&alone.normals) {
+                    assert!(n.distance(bent(*own)) < 1e-5, "{n} is not {}", bent(*own));
+                }
+                for t in 0..2 {
+                    let n = mesh.area_vector(t).normalize();
+                    assert!(n.distance(bent(alone.area_vector(t))) < 1e-5, "{scale} {face_normals}");
+                }
+                let p = instance.transform_point3(to_world.transform_point3(DVec3::new(1.0, 1.0, 0.5)));
+                assert!(mesh.positions[2].distance(p.as_vec3()) < 1e-6);
+            }
+        }
     }
 }

@@ -4,6 +4,7 @@
 //! equal length, which they mostly are.
 
 use super::blocks::{Blocks, pieces};
+use crate::image_io::srgb_to_linear;
 use crate::math::first_index;
 use crate::shape::{Attribute, Mesh};
 use crate::{Error, Result};
@@ -12,12 +13,32 @@ use memchr::memchr_iter;
 use rayon::prelude::*;
 use std::path::Path;
 
-/// Reads a mesh. v of texture coordinates becomes 1 − v if `flip_v`.
+/// How a mesh is read.
+pub(super) struct Options<'a> {
+    /// v of texture coordinates becomes 1 − v.
+    pub flip_v: bool,
+    pub colors: Colors,
+    /// Names of attributes that are kept.
+    pub attributes: &'a [String],
+}
+
+/// What numbers of attributes mean. Integers are fractions of the largest one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Colors {
+    /// As they are.
+    Linear,
+    /// Integers are sRGB. Mitsuba 3 means the same, but 3.9.1 takes bytes for 0 to 255.
+    SrgbIntegers,
+    /// All are sRGB: Mitsuba 0.6.
+    Srgb,
+}
+
+/// Reads a mesh.
 ///
 /// # Errors
 /// [`Error::File`] if it cannot be read or is cut off, [`Error::Scene`] with the line for mistakes in its header or in
 /// ASCII data.
-pub(super) fn read(path: &Path, flip_v: bool) -> Result<Mesh> {
+pub(super) fn read(path: &Path, options: &Options) -> Result<Mesh> {
     let mut blocks = Blocks::open(path)?;
     blocks.more()?;
     let at_line = |(line, message): (u32, String)| Error::Scene { file: path.into(), line, message };
@@ -25,9 +46,9 @@ pub(super) fn read(path: &Path, flip_v: bool) -> Result<Mesh> {
     blocks.consume(header.length);
     let elements = &header.elements;
     match header.format {
-        Format::Ascii => read_elements(elements, &mut Ascii::new(blocks, header.lines + 1), flip_v),
-        Format::LittleEndian => read_elements(elements, &mut Binary::<true>(blocks), flip_v),
-        Format::BigEndian => read_elements(elements, &mut Binary::<false>(blocks), flip_v),
+        Format::Ascii => read_elements(elements, &mut Ascii::new(blocks, header.lines + 1), options),
+        Format::LittleEndian => read_elements(elements, &mut Binary::<true>(blocks), options),
+        Format::BigEndian => read_elements(elements, &mut Binary::<false>(blocks), options),
     }
 }
 
@@ -494,7 +515,7 @@ fn extend<T: Send>(to: &mut Vec<T>, count: usize, f: impl Fn(usize) -> T + Sync 
     }
 }
 
-fn read_elements<S: Source>(elements: &[Element], source: &mut S, flip_v: bool) -> Result<Mesh> {
+fn read_elements<S: Source>(elements: &[Element], source: &mut S, options: &Options) -> Result<Mesh> {
     let mut mesh = Mesh::default();
     let (mut vertices, mut faces) = (false, false);
     for element in elements {
@@ -514,11 +535,11 @@ fn read_elements<S: Source>(elements: &[Element], source: &mut S, flip_v: bool) 
         match element.name.as_str() {
             "vertex" if !vertices => {
                 vertices = true;
-                read_vertices(element, source, flip_v, expected, &mut mesh)?;
+                read_vertices(element, source, options, expected, &mut mesh)?;
             }
             "face" if !faces => {
                 faces = true;
-                read_faces(element, source, expected, &mut mesh)?;
+                read_faces(element, source, options, expected, &mut mesh)?;
             }
             "vertex" | "face" => {
                 return Err(source.error(0, format!("the element '{}' comes twice", element.name)));
@@ -540,67 +561,111 @@ fn find<const N: usize>(element: &Element, names: [&[&str]; N]) -> Option<[usize
     found.iter().all(Option::is_some).then(|| found.map(Option::unwrap_or_default))
 }
 
-/// Properties that make an attribute together.
+/// Properties that make an attribute together: one, or a colour's three.
 struct Group {
     name: String,
     properties: Vec<usize>,
-    /// 1, or what brings a colour of integers to 0..1.
-    scale: f32,
+    /// Of the properties.
+    kind: Type,
+    colors: Colors,
 }
 
 impl Group {
     /// The value in a record.
     fn of<S: Source>(&self, layout: &Layout, record: &[S::Unit]) -> Vec3 {
-        let number = |k: usize| match self.properties.get(k) {
-            Some(&property) => layout.fields[property].of::<S>(record) as f32 * self.scale,
-            None => 0.0,
+        let number = |property: usize| self.decode(layout.fields[property].of::<S>(record));
+        match self.properties[..] {
+            [r, g, b] => Vec3::new(number(r), number(g), number(b)),
+            [one, ..] => Vec3::splat(number(one)),
+            [] => Vec3::ZERO,
+        }
+    }
+
+    /// Integers are fractions of the largest.
+    fn decode(&self, value: f64) -> f32 {
+        let largest = match self.kind {
+            Type::I8 => i8::MAX as f64,
+            Type::U8 => u8::MAX as f64,
+            Type::I16 => i16::MAX as f64,
+            Type::U16 => u16::MAX as f64,
+            Type::I32 => i32::MAX as f64,
+            Type::U32 => u32::MAX as f64,
+            Type::F32 | Type::F64 => 1.0,
         };
-        if self.properties.len() == 1 {
-            Vec3::splat(number(0))
-        } else {
-            Vec3::new(number(0), number(1), number(2))
+        let fraction = (value / largest) as f32;
+        let is_float = matches!(self.kind, Type::F32 | Type::F64);
+        match self.colors {
+            Colors::Linear => fraction,
+            Colors::SrgbIntegers if is_float => fraction,
+            Colors::SrgbIntegers | Colors::Srgb => srgb_to_linear(fraction),
         }
     }
 }
 
-/// Attributes as Mitsuba 3 finds them: neighbours called `NAME_x`, `NAME_y`, … (or r, g, b or numbers instead) are one
-/// called `vertex_NAME` or `face_NAME`; those called r, g, b or red, green, blue are its `color`.
-fn groups(element: &Element) -> Vec<Group> {
-    const OTHERS: [&str; 12] =
-        ["x", "y", "z", "nx", "ny", "nz", "u", "v", "s", "t", "texture_u", "texture_v"];
-    let mut groups: Vec<Group> = Vec::new();
-    for (i, property) in element.properties.iter().enumerate() {
-        let name = property.name.as_str();
-        if property.list.is_some() || OTHERS.contains(&name) {
-            continue;
-        }
-        let group = match name.rsplit_once('_') {
-            _ if ["r", "g", "b", "a", "red", "green", "blue", "alpha"].contains(&name) => "color",
-            Some((group, postfix)) if postfix.len() == 1 && "xyzwrgba01234".contains(postfix) => group,
-            _ => continue,
-        };
-        let name = format!("{}_{group}", element.name);
-        match groups.last_mut() {
-            Some(last) if last.name == name && last.properties.last() == Some(&(i - 1)) => {
-                last.properties.push(i);
-            }
-            _ => {
-                let scale = match property.kind {
-                    Type::U8 if group == "color" => 1.0 / 255.0,
-                    Type::U16 if group == "color" => 1.0 / 65535.0,
-                    _ => 1.0,
-                };
-                groups.push(Group { name, properties: vec![i], scale });
-            }
+/// Attributes as Mitsuba 3 finds them, those that are asked for. `r`, `g`, `b` or `red`, `green`, `blue` are
+/// `vertex_color` or `face_color`; neighbours `NAME_x`, `NAME_y`, `NAME_z` (or 0, 1, 2 or 1, 2, 3) or a lone `NAME_x` are
+/// `vertex_NAME`; `NAME_r`, `NAME_g`, `NAME_b` are `vertex_NAME_color`.
+fn groups(element: &Element, options: &Options) -> Vec<Group> {
+    const OTHERS: [&str; 20] = [
+        "x",
+        "y",
+        "z",
+        "nx",
+        "ny",
+        "nz",
+        "u",
+        "v",
+        "s",
+        "t",
+        "texture_u",
+        "texture_v",
+        "r",
+        "g",
+        "b",
+        "a",
+        "red",
+        "green",
+        "blue",
+        "alpha",
+    ];
+    let mut found: Vec<(String, Vec<usize>)> = Vec::new();
+    let color = find(element, [&["r"], &["g"], &["b"]]);
+    let color = color.or_else(|| find(element, [&["red"], &["green"], &["blue"]]));
+    found.extend(color.map(|properties| ("color".into(), properties.to_vec())));
+    let others = element.properties.iter().enumerate().filter(|(_, p)| !OTHERS.contains(&p.name.as_str()));
+    let split = |p: &Property| -> Option<(String, String)> {
+        let (name, postfix) = p.name.rsplit_once('_').filter(|_| p.list.is_none())?;
+        Some((name.into(), postfix.into()))
+    };
+    let others: Vec<_> = others.map(|(i, p)| (i, split(p))).collect();
+    let same = |a: &Option<(String, String)>, b: &Option<(String, String)>| match (a, b) {
+        (Some(a), Some(b)) => a.0 == b.0,
+        _ => false,
+    };
+    for run in others.chunk_by(|(_, a), (_, b)| same(a, b)) {
+        let Some((_, Some((name, _)))) = run.first() else { continue };
+        let postfixes: Vec<_> = run.iter().filter_map(|(_, s)| Some(s.as_ref()?.1.as_str())).collect();
+        let is_valid = |all: &&[&str; 3]| postfixes == all[..] || postfixes == all[..1];
+        let schemes = [["x", "y", "z"], ["r", "g", "b"], ["0", "1", "2"], ["1", "2", "3"]];
+        let Some(scheme) = schemes.iter().find(is_valid) else { continue };
+        let name = if scheme[0] == "r" { format!("{name}_color") } else { name.clone() };
+        if found.iter().all(|(other, _)| *other != name) {
+            found.push((name, run.iter().map(|(i, _)| *i).collect()));
         }
     }
-    groups
+    let groups = found.into_iter().map(|(name, properties)| Group {
+        name: format!("{}_{name}", element.name),
+        kind: element.properties[properties[0]].kind,
+        properties,
+        colors: options.colors,
+    });
+    groups.filter(|group| options.attributes.contains(&group.name)).collect()
 }
 
 fn read_vertices<S: Source>(
     element: &Element,
     source: &mut S,
-    flip_v: bool,
+    options: &Options,
     expected: usize,
     mesh: &mut Mesh,
 ) -> Result<()> {
@@ -612,7 +677,7 @@ fn read_vertices<S: Source>(
     mesh.positions.reserve_exact(expected);
     mesh.normals.reserve_exact(if normal.is_some() { expected } else { 0 });
     mesh.uvs.reserve_exact(if uv.is_some() { expected } else { 0 });
-    let groups = groups(element);
+    let groups = groups(element, options);
     let mut attributes = vec![Vec::new(); groups.len()];
     for_each_run(source, element, |layout, units, first| {
         let count = units.len() / layout.size;
@@ -629,7 +694,7 @@ fn read_vertices<S: Source>(
             extend(&mut mesh.normals, count, |i| vec3(i, normal));
         }
         if let Some([u, v]) = uv {
-            let flip = |v| if flip_v { 1.0 - v } else { v };
+            let flip = |v| if options.flip_v { 1.0 - v } else { v };
             extend(&mut mesh.uvs, count, |i| Vec2::new(number(i, u), flip(number(i, v))));
         }
         for (group, values) in groups.iter().zip(&mut attributes) {
@@ -646,7 +711,13 @@ fn add_attributes(mesh: &mut Mesh, groups: Vec<Group>, values: Vec<Vec<Vec3>>) {
     mesh.attributes.extend(named);
 }
 
-fn read_faces<S: Source>(element: &Element, source: &mut S, expected: usize, mesh: &mut Mesh) -> Result<()> {
+fn read_faces<S: Source>(
+    element: &Element,
+    source: &mut S,
+    options: &Options,
+    expected: usize,
+    mesh: &mut Mesh,
+) -> Result<()> {
     let is_indices =
         |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_index" | "vertex_indices");
     let mut lists = element.properties.iter().enumerate().filter(|(_, p)| is_indices(p));
@@ -658,7 +729,7 @@ fn read_faces<S: Source>(element: &Element, source: &mut S, expected: usize, mes
     // Each has three corners at least.
     let most = source.left().unwrap_or(0) / (3 * size as u64);
     mesh.triangles.reserve_exact(expected.min(most as usize));
-    let groups = groups(element);
+    let groups = groups(element, options);
     let mut attributes = vec![Vec::new(); groups.len()];
     for_each_run(source, element, |layout, units, first| {
         let corners = layout.counts[nth].1 as usize;
@@ -694,9 +765,14 @@ mod tests {
     use super::*;
 
     fn read_bytes(bytes: &[u8]) -> Result<Mesh> {
+        read_colors(bytes, Colors::SrgbIntegers, &[])
+    }
+
+    fn read_colors(bytes: &[u8], colors: Colors, names: &[&str]) -> Result<Mesh> {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), bytes).unwrap();
-        read(file.path(), false)
+        let attributes: Vec<_> = names.iter().map(|name| name.to_string()).collect();
+        read(file.path(), &Options { flip_v: false, colors, attributes: &attributes })
     }
 
     const ASCII: &str = "ply\nformat ascii 1.0\ncomment c\nelement vertex 4\nproperty float t\nproperty float s\n\
@@ -741,18 +817,96 @@ mod tests {
         }
     }
 
+    /// A square whose vertices have these properties and whose two triangles have those.
+    fn square(vertex: &[(&str, [f64; 4])], face: &[(&str, [f64; 2])]) -> Vec<u8> {
+        let names = |properties: &mut dyn Iterator<Item = &str>| {
+            properties.map(|p| format!("property {p}\n")).collect::<String>()
+        };
+        let mut text = format!(
+            "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n{}\
+             element face 2\nproperty list uchar int vertex_index\n{}end_header\n",
+            names(&mut vertex.iter().map(|p| p.0)),
+            names(&mut face.iter().map(|p| p.0))
+        );
+        for (i, p) in ["-1 -1 0", "1 -1 0", "1 1 0", "-1 1 0"].iter().enumerate() {
+            let values: String = vertex.iter().map(|(_, v)| format!(" {}", v[i])).collect();
+            text += &format!("{p}{values}\n");
+        }
+        for (i, t) in ["3 0 1 2", "3 0 2 3"].iter().enumerate() {
+            let values: String = face.iter().map(|(_, v)| format!(" {}", v[i])).collect();
+            text += &format!("{t}{values}\n");
+        }
+        text.into_bytes()
+    }
+
+    /// What Mitsuba 3.9.1 calls them, and which it ignores.
     #[test]
-    fn attributes_are_grouped() {
-        let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
-            property uchar red\nproperty uchar green\nproperty uchar blue\nproperty float heat_x\nproperty float lone\n\
-            element face 1\nproperty list uchar int vertex_index\nproperty float r\nproperty float g\nproperty float b\n\
-            end_header\n0 0 0 255 0 51 7 9\n1 0 0 0 0 0 1 9\n1 1 0 0 0 0 2 9\n0 1 0 0 0 0 3 9\n4 0 1 2 3 .1 .2 .3\n";
-        let mesh = read_bytes(text.as_bytes()).unwrap();
-        let names: Vec<_> = mesh.attributes.iter().map(|a| a.name.as_str()).collect();
-        assert_eq!(names, ["vertex_color", "vertex_heat", "face_color"]);
-        assert!(mesh.attributes[0].values[0].distance(Vec3::new(1.0, 0.0, 0.2)) < 1e-6);
-        assert_eq!(mesh.attributes[1].values, [7.0, 1.0, 2.0, 3.0].map(Vec3::splat));
-        assert_eq!(mesh.attributes[2].values, [Vec3::new(0.1, 0.2, 0.3); 2]);
+    fn attributes_are_named_as_in_mitsuba() {
+        let every =
+            ["color", "foo", "foo_color", "bar", "red"].map(|n| [format!("vertex_{n}"), format!("face_{n}")]);
+        let every: Vec<&str> = every.iter().flatten().map(String::as_str).collect();
+        for (properties, expected) in [
+            ("float b,float g,float r,float a", "vertex_color=3 2 1"),
+            ("float red,float green,float blue", "vertex_color=1 2 3"),
+            ("float red,float green", ""),
+            ("float foo_x", "vertex_foo=1 1 1"),
+            ("float foo_r", "vertex_foo_color=1 1 1"),
+            ("float foo_r,float foo_g,float foo_b", "vertex_foo_color=1 2 3"),
+            ("float foo_0,float foo_1", ""),
+            ("float foo_0,float foo_1,float foo_2", "vertex_foo=1 2 3"),
+            ("float foo_1,float foo_2,float foo_3", "vertex_foo=1 2 3"),
+            ("float foo_1,float foo_2,float foo_3,float foo_4", ""),
+            ("float foo_x,float foo_z,float foo_y", ""),
+            ("float quality,float foo_x", "vertex_foo=2 2 2"),
+            ("float foo_x,float bar_x,float foo_y", "vertex_foo=1 1 1,vertex_bar=2 2 2"),
+            ("float color_x,float color_y,float color_z", "vertex_color=1 2 3"),
+        ] {
+            let vertex: Vec<_> =
+                properties.split(',').enumerate().map(|(i, p)| (p, [i as f64 + 1.0; 4])).collect();
+            let mesh = read_colors(&square(&vertex, &[]), Colors::SrgbIntegers, &every).unwrap();
+            let found = mesh.attributes.iter().map(|a| {
+                let v = a.values[3];
+                format!("{}={} {} {}", a.name, v.x, v.y, v.z)
+            });
+            assert_eq!(found.collect::<Vec<_>>().join(","), expected, "{properties}");
+        }
+    }
+
+    /// Expected values from Mitsuba 3.9.1, but for bytes.
+    #[test]
+    fn integers_are_srgb() {
+        for (kind, value, expected) in [
+            ("ushort", 1000.0, 0.001_181_04),
+            ("ushort", 30000.0, 0.177_014_83),
+            ("int", 1000.0, 3.604_189_7e-8),
+            ("char", -128.0, -0.078_008_82),
+            ("char", 100.0, 0.582_693_5),
+            ("uchar", 51.0, 0.033_104_77),
+            ("float", 0.25, 0.25),
+        ] {
+            let bytes = square(&[(&format!("{kind} foo_x"), [value; 4])], &[]);
+            let x = |colors| read_colors(&bytes, colors, &["vertex_foo"]).unwrap().attributes[0].values[0].x;
+            let found = x(Colors::SrgbIntegers);
+            assert!((found - expected).abs() <= 1e-6 * expected.abs(), "{kind} {value}: {found}");
+        }
+        let bytes = square(&[("uchar foo_x", [51.0; 4]), ("float bar_x", [0.5; 4])], &[]);
+        let both = |colors| {
+            let mesh = read_colors(&bytes, colors, &["vertex_foo", "vertex_bar"]).unwrap();
+            [0, 1].map(|i| mesh.attributes[i].values[0].x)
+        };
+        assert_eq!(both(Colors::Linear), [0.2, 0.5]);
+        assert!((both(Colors::Srgb)[1] - 0.214_041).abs() < 1e-6);
+    }
+
+    #[test]
+    fn faces_have_attributes_too() {
+        let quad = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+            element face 2\nproperty list uchar int vertex_index\nproperty float r\nproperty float g\nproperty float b\n\
+            end_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3 .1 .2 .3\n3 0 1 2 .4 .5 .6\n";
+        let mesh = read_colors(quad.as_bytes(), Colors::SrgbIntegers, &["face_color"]).unwrap();
+        let [a, b] = [Vec3::new(0.1, 0.2, 0.3), Vec3::new(0.4, 0.5, 0.6)];
+        assert_eq!(mesh.attributes[0].values, [a, a, b]);
+        assert!(read_bytes(quad.as_bytes()).unwrap().attributes.is_empty(), "nobody asked");
     }
 
     #[test]

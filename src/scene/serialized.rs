@@ -16,14 +16,16 @@ const HAS_UVS: u32 = 0x0002;
 const HAS_COLORS: u32 = 0x0008;
 const DOUBLE: u32 = 0x2000;
 
-/// Reads mesh number `index` of a file. The flag 0x10 (face normals) is ignored, as in Mitsuba 3.
+/// Reads mesh number `index` of a file, of its colours only what `attributes` names. The flag 0x10 (face normals) is ignored, as in Mitsuba 3.
 ///
 /// # Errors
 /// [`Error::File`] if the file cannot be read, is cut off, or does not hold the mesh.
-pub(super) fn read(path: &Path, index: u32) -> Result<Mesh> {
+pub(super) fn read(path: &Path, index: u32, attributes: &[String]) -> Result<Mesh> {
     let file = File::open(path).map_err(|e| cannot_read(path, &e))?;
-    parse(BufReader::with_capacity(1 << 18, file), index)
-        .map_err(|message| Error::File { file: path.into(), message })
+    let mut mesh = parse(BufReader::with_capacity(1 << 18, file), index)
+        .map_err(|message| Error::File { file: path.into(), message })?;
+    mesh.attributes.retain(|attribute| attributes.contains(&attribute.name));
+    Ok(mesh)
 }
 
 fn parse(mut file: impl BufRead + Seek, index: u32) -> Result<Mesh, String> {

@@ -44,11 +44,13 @@ struct Loader<'a> {
     lights: Vec<Pending<Light>>,
     /// Shapes that are lights, and the light.
     emitters: Vec<(u32, Props<'a>)>,
-    /// Whether anything looks mesh attributes up.
-    asks_for_attributes: bool,
+    /// Names of all mesh attributes that anything looks up.
+    attribute_names: Vec<String>,
     /// Shapes, where they stand, and what attributes of meshes their materials and lights look up.
     attributes: Vec<(u32, xml::Pos, Vec<xml::Asked>)>,
     jobs: Vec<shapes::Job>,
+    /// How many shapes are in groups and instances.
+    copies: u32,
     /// How many files the scene has named so far.
     files: u32,
     shape_material: Vec<u32>,
@@ -71,9 +73,10 @@ pub(super) fn load(
         texture_of: HashMap::new(),
         lights: Vec::new(),
         emitters: Vec::new(),
-        asks_for_attributes: tree.objects.iter().any(xml::Object::is_mesh_attribute),
+        attribute_names: attribute_names(&tree),
         attributes: Vec::new(),
         jobs: Vec::new(),
+        copies: 0,
         files: 0,
         shape_material: Vec::new(),
         depth: 0,
@@ -116,7 +119,7 @@ pub(super) fn load(
         sample_count = passes.parse().ok().filter(|n| *n > 0).unwrap_or(sample_count);
     }
     let (shapes, (textures, lights)) = rayon::join(
-        || shapes::build(loader.jobs),
+        || shapes::build(loader.jobs, &loader.attribute_names),
         || rayon::join(|| Pending::all(loader.textures), || Pending::all(loader.lights)),
     );
     let mut failures = Vec::new();
@@ -164,6 +167,15 @@ const WRAPPERS: [&str; 5] = ["moment", "aov", "irrcache", "adaptive", "multichan
 /// Parameters of Mitsuba's integrators that only steer how it samples.
 const UNUSED_INTEGRATOR_PARAMETERS: [&str; 6] =
     ["block_size", "samples_per_pass", "timeout", "shading_samples", "emitter_samples", "bsdf_samples"];
+
+/// Names of all mesh attributes that textures look up.
+fn attribute_names(tree: &Tree) -> Vec<String> {
+    let mut names: Vec<_> =
+        tree.objects.iter().filter_map(|o| o.mesh_attribute()).map(String::from).collect();
+    names.sort_unstable();
+    names.dedup();
+    names
+}
 
 impl<'a> Loader<'a> {
     fn warn_at(&self, pos: xml::Pos, message: &str) {

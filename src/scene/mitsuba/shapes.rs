@@ -12,7 +12,11 @@ use crate::texture::Color;
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
+use std::collections::HashMap;
 use std::path::PathBuf;
+
+/// Shapes in groups and instances, which are copied for now.
+const MAX_COPIES: u32 = 1 << 20;
 
 /// A shape, or what it takes to read it.
 pub(super) enum Job {
@@ -20,67 +24,120 @@ pub(super) enum Job {
     File { place: u32, format: Format, path: PathBuf, placement: Placement },
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Format {
     Obj { flip_v: bool },
-    Ply { flip_v: bool },
+    Ply { flip_v: bool, colors: ply::Colors },
     Serialized { index: u32 },
 }
 
-/// Reads all mesh files. The first error in scene order counts, whatever thread finds it.
-pub(super) fn build(jobs: Vec<Job>) -> Result<Vec<Shape>, Failure> {
-    let shapes: Vec<Result<Shape, Failure>> = jobs
-        .into_par_iter()
-        .map(|job| match job {
-            Job::Ready(shape) => Ok(shape),
-            Job::File { place, format, path, placement } => {
-                read(format, path, &placement).map(Shape::Mesh).map_err(|error| (place, error))
-            }
-        })
-        .collect();
-    shapes.into_iter().collect()
+/// A mesh file, and all shapes that are made of it: their indices, places among the scene's files, and placements.
+struct MeshFile {
+    format: Format,
+    path: PathBuf,
+    uses: Vec<(usize, u32, Placement)>,
 }
 
-fn read(format: Format, path: PathBuf, placement: &Placement) -> Result<Mesh> {
-    let mesh = match format {
-        Format::Obj { flip_v } => obj::Obj::read(&path, flip_v)?.mesh(),
-        Format::Ply { flip_v } => ply::read(&path, flip_v)?,
-        Format::Serialized { index } => serialized::read(&path, index)?,
-    };
-    if mesh.triangles.is_empty() {
-        return Err(Error::File { file: path, message: "the mesh has no triangles".into() });
+/// Reads all mesh files, each once, and keeps the attributes of these names. The first error in scene order counts,
+/// whatever thread finds it.
+pub(super) fn build(jobs: Vec<Job>, attributes: &[String]) -> Result<Vec<Shape>, Failure> {
+    let mut shapes: Vec<Option<Shape>> = Vec::with_capacity(jobs.len());
+    let mut files: Vec<MeshFile> = Vec::new();
+    let mut file_of = HashMap::new();
+    for (index, job) in jobs.into_iter().enumerate() {
+        let (place, format, path, placement) = match job {
+            Job::Ready(shape) => {
+                shapes.push(Some(shape));
+                continue;
+            }
+            Job::File { place, format, path, placement } => (place, format, path, placement),
+        };
+        shapes.push(None);
+        let file = *file_of.entry((format, path.clone())).or_insert(files.len());
+        if file == files.len() {
+            files.push(MeshFile { format, path, uses: Vec::new() });
+        }
+        files[file].uses.push((index, place, placement));
     }
-    place(mesh, placement).map_err(|message| Error::File { file: path, message })
+    let made: Vec<_> = files.into_par_iter().map(|file| file.shapes(attributes)).collect();
+    let mut first: Option<Failure> = None;
+    for made in made {
+        match made {
+            Ok(placed) => placed.into_iter().for_each(|(index, shape)| shapes[index] = Some(shape)),
+            Err(failure) if first.as_ref().is_none_or(|(place, _)| failure.0 < *place) => {
+                first = Some(failure)
+            }
+            Err(_) => {}
+        }
+    }
+    first.map_or_else(|| Ok(shapes.into_iter().flatten().collect()), Err)
+}
+
+impl MeshFile {
+    /// All its shapes, with their indices.
+    fn shapes(mut self, attributes: &[String]) -> Result<Vec<(usize, Shape)>, Failure> {
+        let Some(last) = self.uses.pop() else { return Ok(Vec::new()) };
+        let first = self.uses.first().map_or(last.1, |u| u.1);
+        let mesh = self.read(attributes).map_err(|error| (first, error))?;
+        let placed = |mesh, (index, at, placement): &(usize, u32, Placement)| match place(mesh, placement) {
+            Ok(mesh) => Ok((*index, Shape::Mesh(mesh))),
+            Err(message) => Err((*at, Error::File { file: self.path.clone(), message })),
+        };
+        let copies: Vec<_> = self.uses.par_iter().map(|u| placed(mesh.clone(), u)).collect();
+        // The last one needs no copy.
+        copies.into_iter().chain([placed(mesh, &last)]).collect()
+    }
+
+    fn read(&self, attributes: &[String]) -> Result<Mesh> {
+        let mesh = match self.format {
+            Format::Obj { flip_v } => obj::Obj::read(&self.path, flip_v)?.mesh(),
+            Format::Ply { flip_v, colors } => {
+                ply::read(&self.path, &ply::Options { flip_v, colors, attributes })?
+            }
+            Format::Serialized { index } => serialized::read(&self.path, index, attributes)?,
+        };
+        if mesh.triangles.is_empty() {
+            return Err(Error::File { file: self.path.clone(), message: "the mesh has no triangles".into() });
+        }
+        Ok(mesh)
+    }
 }
 
 impl<'a> Loader<'a> {
     pub(super) fn shape(&mut self, props: Props<'a>) -> Result<()> {
-        self.placed_shape(props, DAffine3::IDENTITY)
+        self.placed_shape(props, None)
     }
 
-    /// A shape as its own transform and then `outer` place it.
-    fn placed_shape(&mut self, props: Props<'a>, outer: DAffine3) -> Result<()> {
+    /// A shape, perhaps inside of an instance that has this transform.
+    fn placed_shape(&mut self, props: Props<'a>, instance: Option<DAffine3>) -> Result<()> {
+        // A shape that others refer to is read again each time.
+        let props = Props::new(self.tree, props.index);
         match props.plugin() {
+            // As in Mitsuba.
+            "shapegroup" | "instance" if instance.is_some() => {
+                return Err(props.error(format!("a shapegroup cannot hold another {}", props.plugin())));
+            }
             // Shows only where there are instances of it.
             "shapegroup" => {
                 props.children()?;
                 return props.finish();
             }
             "instance" => {
-                let to_world = outer * props.to_world()?;
+                let to_world = props.to_world()?;
                 let (group, pos) = self.only_child(props)?;
                 if group.plugin() != "shapegroup" {
                     return Err(self.tree.error(pos, "an instance is one of a shapegroup"));
                 }
                 props.finish()?;
-                return self.nested(group, |loader| loader.placed_children(group, to_world));
+                return self.nested(group, |loader| loader.placed_children(group, Some(to_world)));
             }
             "merge" => {
-                self.nested(props, |loader| loader.placed_children(props, outer))?;
+                self.nested(props, |loader| loader.placed_children(props, instance))?;
                 return props.finish();
             }
             _ => {}
         }
-        let job = self.geometry(props, outer)?;
+        let job = self.geometry(props, instance.unwrap_or(DAffine3::IDENTITY))?;
         let index = self.jobs.len() as u32;
         let (mut material, mut light) = (None, None);
         for name in ["interior", "exterior"] {
@@ -93,6 +150,9 @@ impl<'a> Loader<'a> {
             match child.object.tag.as_str() {
                 "bsdf" if material.is_some() => return Err(twice(pos, "bsdf")),
                 "bsdf" => material = Some(child),
+                "emitter" if instance.is_some() => {
+                    return Err(self.tree.error(pos, "lights inside of a shapegroup are not supported"));
+                }
                 "emitter" if light.is_some() => return Err(twice(pos, "emitter")),
                 "emitter" => light = Some(child),
                 tag => {
@@ -112,7 +172,7 @@ impl<'a> Loader<'a> {
         // How Mitsuba differentiates silhouettes.
         props.opt_float("silhouette_sampling_weight")?;
         props.finish()?;
-        if self.asks_for_attributes {
+        if !self.attribute_names.is_empty() {
             self.attributes.push((index, props.object.pos, self.tree.mesh_attributes(props.index)));
         }
         self.jobs.push(job);
@@ -121,13 +181,20 @@ impl<'a> Loader<'a> {
     }
 
     /// The shapes inside of a group.
-    fn placed_children(&mut self, props: Props<'a>, outer: DAffine3) -> Result<()> {
+    fn placed_children(&mut self, props: Props<'a>, instance: Option<DAffine3>) -> Result<()> {
         for (child, pos) in props.children()? {
+            // Groups may refer to shapes, and groups of groups to more than memory holds.
+            self.copies += 1;
+            if self.copies > MAX_COPIES {
+                let message =
+                    format!("groups and instances hold more than {MAX_COPIES} shapes: each is a copy");
+                return Err(self.tree.error(pos, message));
+            }
             if child.object.tag != "shape" {
                 let message = format!("{} cannot hold a <{}>", props.title(), child.object.tag);
                 return Err(self.tree.error(pos, message));
             }
-            self.placed_shape(child, outer)?;
+            self.placed_shape(child, instance)?;
         }
         Ok(())
     }
@@ -151,9 +218,9 @@ impl<'a> Loader<'a> {
         })
     }
 
-    fn geometry(&mut self, props: Props<'a>, outer: DAffine3) -> Result<Job> {
-        let matrix = outer * props.to_world()?;
-        let to_world = to_f32(matrix);
+    fn geometry(&mut self, props: Props<'a>, instance: DAffine3) -> Result<Job> {
+        let own = props.to_world()?;
+        let to_world = to_f32(props.invertible("to_world", instance * own)?);
         let flip_normals = props.boolean("flip_normals", false)?;
         let fail = |message| props.error(message);
         let file = |loader: &mut Self, format| -> Result<Job> {
@@ -163,7 +230,7 @@ impl<'a> Loader<'a> {
                 place: loader.next_file(),
                 format,
                 path,
-                placement: Placement { to_world: matrix, flip_normals, face_normals },
+                placement: Placement { to_world: own, instance, flip_normals, face_normals },
             })
         };
         let vec3 = |name, default: DVec3| -> Result<glam::Vec3> {
@@ -178,7 +245,15 @@ impl<'a> Loader<'a> {
         };
         match props.plugin() {
             "obj" => file(self, Format::Obj { flip_v: props.boolean("flip_tex_coords", true)? }),
-            "ply" => file(self, Format::Ply { flip_v: props.boolean("flip_tex_coords", false)? }),
+            "ply" => {
+                let flip_v = props.boolean("flip_tex_coords", false)?;
+                let colors = match props.object.old {
+                    false => ply::Colors::SrgbIntegers,
+                    true if props.boolean("srgb", true)? => ply::Colors::Srgb,
+                    true => ply::Colors::Linear,
+                };
+                file(self, Format::Ply { flip_v, colors })
+            }
             "serialized" => {
                 let index = props.count("shape_index", 0, 0..=u32::MAX)?;
                 file(self, Format::Serialized { index })
@@ -188,7 +263,9 @@ impl<'a> Loader<'a> {
             "disk" => Disk::new(to_world, flip_normals).map(|s| Job::Ready(Shape::Disk(s))).map_err(fail),
             "sphere" => {
                 let (center, radius) = (vec3("center", DVec3::ZERO)?, props.float("radius", 1.0)?);
-                let sphere = Sphere::new(center, radius, to_world, flip_normals);
+                // A mirror turns a sphere inside out, an instance does not.
+                let flip = flip_normals != (instance.matrix3.determinant() < 0.0);
+                let sphere = Sphere::new(center, radius, to_world, flip);
                 sphere.map(|s| Job::Ready(Shape::Sphere(s))).map_err(fail)
             }
             "cylinder" => {

@@ -1,11 +1,12 @@
 //! Small scenes: what they load to, and that every mistake names its file and line.
 
+use crate::accel;
 use crate::bsdf::{Distribution, WardVariant};
 use crate::camera::Projection;
 use crate::film::Filter;
-use crate::light::{Light, Lights};
-use crate::math::Rgb;
-use crate::scene::{Material, SceneDescription, load};
+use crate::light::{Light, Lights, Targets};
+use crate::math::{Ray, Rgb, Sampler, Stream};
+use crate::scene::{Material, Scene, SceneDescription, load};
 use crate::shape::Shape;
 use crate::texture::{Color, Scalar, Texture};
 use crate::{Error, Result};
@@ -862,4 +863,207 @@ fn the_first_bad_file_counts() {
         let error = load(&path, &[], None).unwrap_err().to_string();
         assert!(error.contains(first), "{error} is not about {first}");
     }
+}
+
+/// A folded square without normals: colours and heat at its vertices, a tint on each triangle.
+const FOLDED: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+    property float r\nproperty float g\nproperty float b\nproperty float heat_x\nelement face 2\n\
+    property list uchar int vertex_indices\nproperty float tint_r\nproperty float tint_g\nproperty float tint_b\n\
+    end_header\n-1 -1 0 .1 .2 .3 .25\n1 -1 0 .9 .1 .5 .75\n1 1 .5 .3 .8 .2 1\n-1 1 0 .6 .4 .7 0\n\
+    3 0 1 2 .2 .5 .8\n3 0 2 3 .7 .6 .1\n";
+
+fn attribute(parameter: &str, name: &str, scale: f32) -> String {
+    format!(
+        "<texture type='mesh_attribute' name='{parameter}'><string name='name' value='{name}'/>\
+         <float name='scale' value='{scale}'/></texture>"
+    )
+}
+
+/// Loads `body`, which may refer to `folded.ply`.
+fn load_folded(body: &str) -> Result<SceneDescription> {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("folded.ply"), FOLDED).unwrap();
+    let path = folder.path().join("scene.xml");
+    fs::write(&path, scene_text(body)).unwrap();
+    load(&path, &[], None)
+}
+
+/// The same with each backend, ready to be rendered.
+fn build_folded(body: &str) -> Vec<Scene> {
+    let description = load_folded(body).unwrap();
+    accel::available().iter().map(|backend| Scene::new(description.clone(), *backend).unwrap()).collect()
+}
+
+const FROM_ABOVE: [[f32; 2]; 4] = [[0.3, -0.4], [-0.5, 0.45], [0.9, 0.2], [-0.2, -0.1]];
+
+fn down([x, y]: [f32; 2]) -> Ray {
+    Ray::new(Vec3::new(x, y, 5.0), Vec3::NEG_Z)
+}
+
+/// Expected values from Mitsuba 3.9.1.
+#[test]
+fn mesh_attributes_are_those_of_mitsuba() {
+    let grey = [0.65, 0.31875, 0.875, 0.5375].map(|v| [v; 3]);
+    let color = [[0.44, 0.345, 0.34], [0.3875, 0.445, 0.465], [0.5, 0.525, 0.31], [0.205, 0.45, 0.28]];
+    let tint = [[0.2, 0.5, 0.8], [0.7, 0.6, 0.1], [0.2, 0.5, 0.8], [0.7, 0.6, 0.1]];
+    for (name, scale, expected) in [
+        ("vertex_color", 1.0, color),
+        ("vertex_color", 0.5, color.map(|c| c.map(|v: f32| 0.5 * v))),
+        ("face_tint_color", 1.0, tint),
+        ("vertex_heat", 1.0, grey),
+    ] {
+        let shape = |inside: String| {
+            format!("<shape type='ply'><string name='filename' value='folded.ply'/>{inside}</shape>")
+        };
+        let texture = attribute("reflectance", name, scale);
+        for scene in build_folded(&shape(format!("<bsdf type='diffuse'>{texture}</bsdf>"))) {
+            for (from, expected) in FROM_ABOVE.into_iter().zip(expected) {
+                let found = scene.textures[0].eval(&scene.textures, &scene.hit(&down(from)).unwrap().at);
+                assert!(found.distance(Vec3::from(expected)) < 1e-5, "{name} {from:?}: {found}");
+            }
+        }
+        // A light shows the same, and its photons carry it.
+        let texture = attribute("radiance", name, scale);
+        for scene in build_folded(&shape(format!("<emitter type='area'>{texture}</emitter>"))) {
+            for (from, expected) in FROM_ABOVE.into_iter().zip(expected) {
+                let surface = scene.hit(&down(from)).unwrap();
+                let found = scene.emitted(&surface, Vec3::Z);
+                assert!(found.distance(Vec3::from(expected)) < 1e-5, "{name} {from:?}: {found}");
+            }
+            let mut sampler = Sampler::new(1, Stream::GlobalPhotons, 0, 0);
+            let mut seen = 0;
+            for _ in 0..100 {
+                let (u, v) = (sampler.next_2d(), sampler.next_2d());
+                let nowhere = Targets::default();
+                let photon =
+                    scene.lights.sample_emission(&scene.geometry, &scene.textures, &nowhere, 0.5, u, v);
+                let Some(photon) = photon else { continue };
+                let back = Ray::new(photon.o + photon.d * 1e-2, -photon.d);
+                // The fold may be between.
+                let Some(surface) = scene.hit(&back).filter(|s| s.p.distance(photon.o) < 1e-3) else {
+                    continue;
+                };
+                let area = scene.geometry.shapes[0].area();
+                let radiance = photon.flux / (std::f32::consts::PI * area);
+                let there = scene.textures[0].eval(&scene.textures, &surface.at);
+                assert!(radiance.distance(there) < 2e-3, "{name}: {radiance} from where there is {there}");
+                seen += 1;
+            }
+            assert!(seen > 50, "{seen}");
+        }
+    }
+}
+
+#[test]
+fn missing_attributes_are_mistakes() {
+    let texture = attribute("reflectance", "vertex_none", 1.0);
+    let bsdf = format!("<bsdf type='twosided' id='m'><bsdf type='diffuse'>{texture}</bsdf></bsdf>");
+    let file = "<string name='filename' value='folded.ply'/>";
+    for shape in [
+        format!("<shape type='ply'>{file}{bsdf}</shape>"),
+        format!("{bsdf}<shape type='sphere'><ref id='m'/></shape>"),
+        format!(
+            "<shape type='sphere'><emitter type='area'>{}</emitter></shape>",
+            attribute("radiance", "face_none", 1.0)
+        ),
+        format!(
+            "<shape type='shapegroup' id='g'><shape type='cube'>{bsdf}</shape></shape><shape type='instance'><ref id='g'/></shape>"
+        ),
+    ] {
+        match load_folded(&shape).map(|_| ()) {
+            Err(Error::Scene { line: 2, message, .. }) => assert!(message.contains("_none"), "{message}"),
+            other => panic!("{shape}: {other:?}"),
+        }
+    }
+    assert!(load_folded(&format!("{bsdf}<shape type='sphere'/>")).is_ok(), "nothing uses it");
+}
+
+/// Expected values from Mitsuba 3.9.1: position and both normals in instances of a mesh that has no normals of its own.
+#[test]
+fn instances_are_those_of_mitsuba() {
+    type Point = [[f32; 3]; 3];
+    let expected: [(&str, [Point; 2]); 2] = [
+        (
+            "<scale x='-1' y='2' z='3'/><rotate x='1' angle='20'/>",
+            [
+                [[0.3, -0.4, 0.3973], [0.53809, -0.42931, 0.72536], [0.21793, -0.54147, 0.81198]],
+                [[-0.5, 0.45, 1.03031], [-0.33594, -0.57977, 0.7423], [0.00016, -0.57856, 0.81564]],
+            ],
+        ),
+        (
+            "<scale x='1' y='1' z='2'/><translate x='0.2'/>",
+            [
+                [[0.3, -0.4, 0.30179], [0.22361, -0.3873, 0.89443], [-0.04125, -0.33367, 0.94179]],
+                [[-0.5, 0.45, 0.30939], [-0.3873, -0.22361, 0.89443], [-0.26109, -0.26934, 0.92698]],
+            ],
+        ),
+    ];
+    for (transform, points) in expected {
+        let body = format!(
+            "<shape type='shapegroup' id='g'><shape type='ply'><string name='filename' value='folded.ply'/>\
+             <transform name='to_world'><rotate z='1' angle='30'/></transform></shape></shape>\
+             <shape type='instance'><ref id='g'/><transform name='to_world'>{transform}</transform></shape>"
+        );
+        for scene in build_folded(&body) {
+            for (from, expected) in FROM_ABOVE.into_iter().zip(points) {
+                let surface = scene.hit(&down(from)).unwrap();
+                let found = [surface.p, surface.n_g, surface.frame.n];
+                // Mitsuba interpolates before it transforms.
+                for ((found, expected), most) in found.iter().zip(expected).zip([2e-5, 2e-5, 0.02]) {
+                    assert!(found.distance(expected.into()) < most, "{transform} {from:?}: {found}");
+                }
+            }
+        }
+    }
+    // And on the other shapes the normal and the texture coordinates, mirrored and turned around.
+    for (shape, flip, transform, n, uv) in [
+        ("sphere", false, "<scale z='-1'/>", [0.3, 0.2, 0.933], [0.094, 0.883]),
+        ("sphere", true, "<scale x='-1'/>", [-0.3, -0.2, -0.933], [0.406, 0.117]),
+        ("cube", false, "<scale z='-1'/>", [0.0, 0.0, 1.0], [0.4, 0.65]),
+        ("cube", true, "<scale x='-1'/>", [0.0, 0.0, -1.0], [0.6, 0.35]),
+        ("cube", false, "<rotate x='1' angle='90'/>", [0.0, 0.0, 1.0], [0.35, 0.6]),
+        ("rectangle", false, "<scale z='-1'/>", [0.0, 0.0, -1.0], [0.65, 0.6]),
+        ("rectangle", true, "<scale x='-1'/>", [0.0, 0.0, -1.0], [0.35, 0.6]),
+        ("disk", false, "<scale z='-1'/>", [0.0, 0.0, -1.0], [0.361, 0.094]),
+        ("disk", true, "<scale x='-1'/>", [0.0, 0.0, -1.0], [0.361, 0.406]),
+    ] {
+        let body = format!(
+            "<shape type='shapegroup' id='g'><shape type='{shape}'><boolean name='flip_normals' value='{flip}'/>\
+             </shape></shape><shape type='instance'><ref id='g'/><transform name='to_world'>{transform}</transform></shape>"
+        );
+        for scene in build_folded(&body) {
+            let surface = scene.hit(&down([0.3, 0.2])).unwrap();
+            let found = (surface.n_g, surface.at.uv);
+            let close = found.0.distance(n.into()) < 1e-3 && found.1.distance(uv.into()) < 1e-3;
+            assert!(close, "{shape} {flip} {transform}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn groups_hold_copies() {
+    let scene = load_body(
+        "<shape type='shapegroup' id='g'><shape type='cube'/><shape type='merge'><shape type='sphere'/>\
+         <shape type='disk' id='d'/></shape></shape><shape type='merge'><shape type='instance'><ref id='g'/></shape>\
+         <shape type='merge'><ref id='d'/></shape></shape><shape type='instance'><ref id='g'/></shape>",
+    );
+    assert_eq!(scene.unwrap().geometry.shapes.len(), 7);
+    assert!(
+        load_body("<shape type='shapegroup'><shape type='cube'/></shape><emitter type='constant'/>").is_ok()
+    );
+    // What is referred to stays what it is.
+    let scene = load_body(
+        "<shape type='merge'><ref id='m'/><ref id='m'/></shape><shape type='merge' id='m'>\
+         <shape type='sphere'><bsdf type='conductor'/></shape></shape>",
+    );
+    let scene = scene.unwrap();
+    assert_eq!(scene.shape_material, [0; 3]);
+    assert!(matches!(scene.materials[0], Material::Conductor { .. }));
+    // Each merge holds the next one twice.
+    let merge = |i: u32| {
+        format!("<shape type='merge' id='m{i}'><ref id='m{}'/><ref id='m{}'/></shape>", i + 1, i + 1)
+    };
+    let merges: String = (0..30).map(merge).collect();
+    let error = load_body(&format!("{merges}<shape type='merge' id='m30'><shape type='sphere'/></shape>"));
+    assert!(error.unwrap_err().to_string().contains("more than"));
 }

@@ -82,9 +82,16 @@ pub(super) struct Object {
 }
 
 impl Object {
-    /// Whether it is a texture that looks a mesh attribute up.
-    pub(super) fn is_mesh_attribute(&self) -> bool {
-        matches!(self.plugin.as_str(), "mesh_attribute" | "vertexcolors")
+    /// The name of the mesh attribute that it looks up, if it is a texture that does.
+    pub(super) fn mesh_attribute(&self) -> Option<&str> {
+        match self.plugin.as_str() {
+            "mesh_attribute" => self.properties.iter().find_map(|p| match &p.value {
+                Value::String(name) if p.name == "name" => Some(name.as_str()),
+                _ => None,
+            }),
+            "vertexcolors" => Some("vertex_color"),
+            _ => None,
+        }
     }
 }
 
@@ -196,13 +203,7 @@ impl Tree {
             if !seen.insert(index) {
                 continue;
             }
-            if object.is_mesh_attribute() {
-                let name = object.properties.iter().find_map(|p| match &p.value {
-                    Value::String(name) if p.name == "name" => Some(name.as_str()),
-                    _ => None,
-                });
-                found.push(Asked { name: name.unwrap_or("vertex_color").to_string(), pos: object.pos });
-            }
+            found.extend(object.mesh_attribute().map(|name| Asked { name: name.into(), pos: object.pos }));
             waiting.extend(object.properties.iter().filter_map(|p| match &p.value {
                 Value::Object(index) => Some(*index),
                 Value::Reference(id) => self.ids.get(id).copied(),
