@@ -20,7 +20,9 @@ static ALLOCATOR: Cap<System> = Cap::new(System, 1 << 30);
 /// A mesh that is fine, for scenes to refer to.
 pub const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 1 1 .5\nv 0 1 0\nvt 0 0\nvt 1 1\nf 1/1 2/1 3/2 4/2\n";
 const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
-                   element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 1\n1 0 1\n0 1 1\n3 0 1 2\n";
+                   property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n\
+                   property list uchar int vertex_indices\nproperty float a_x\nend_header\n\
+                   0 0 1 255 0 9\n1 0 1 0 255 9\n0 1 1 9 9 9\n3 0 1 2 0.5\n";
 
 static FOLDER: LazyLock<PathBuf> = LazyLock::new(|| {
     let folder = std::env::temp_dir().join(format!("caustica-fuzz-{}", std::process::id()));
