@@ -44,15 +44,7 @@ impl<'a> Loader<'a> {
     pub(super) fn emitter(&mut self, props: Props<'a>) -> Result<()> {
         let lights = match props.plugin() {
             "sunsky" if !props.object.old => self.sunsky(props)?,
-            "sky" | "sun" if !props.object.old => {
-                let message = format!("{} is of Mitsuba 0.6: use 'sunsky' here", props.title());
-                return Err(props.error(message));
-            }
-            "sunsky" | "sky" | "sun" => self.old_daylight(props)?,
-            "timed_sunsky" => {
-                let message = "time stands still here: use 'sunsky' with one sun instead of 'timed_sunsky'";
-                return Err(props.error(message));
-            }
+            "sunsky" | "sky" | "sun" if props.object.old => self.old_daylight(props)?,
             "envmap" => {
                 let envmap = self.envmap(props)?;
                 self.lights.push(envmap);

@@ -5,6 +5,7 @@ mod bsdfs;
 mod daylight;
 mod emitters;
 mod props;
+mod refused;
 mod sensor;
 mod shapes;
 mod textures;
@@ -161,8 +162,19 @@ pub(super) fn load(
     })
 }
 
-/// Integrators around others: statistics, and what steers how others sample.
-const WRAPPERS: [&str; 5] = ["moment", "aov", "irrcache", "adaptive", "multichannel"];
+/// Integrators around others: statistics, polarisation, and what steers how others sample.
+const WRAPPERS: [&str; 6] = ["moment", "aov", "stokes", "irrcache", "adaptive", "multichannel"];
+
+/// Integrators that transport light.
+#[rustfmt::skip]
+const INTEGRATORS: [&str; 21] = [
+    "photonmap", "path", "direct", "ptracer", "volpath", "volpathmis", "prb", "prb_basic", "prb_projective", "prbvolpath",
+    "direct_projective", "volprim_rf_basic", "photonmapper", "ppm", "sppm", "vpl", "volpath_simple", "bdpt", "pssmlt", "mlt",
+    "erpt",
+];
+
+/// Integrators that show something else.
+const LIGHTLESS: [&str; 4] = ["depth", "ao", "field", "motion"];
 
 /// Parameters of Mitsuba's integrators that only steer how it samples.
 const UNUSED_INTEGRATOR_PARAMETERS: [&str; 6] =
@@ -204,7 +216,7 @@ impl<'a> Loader<'a> {
         if WRAPPERS.contains(&props.plugin()) {
             let children = props.children()?;
             let inner = children.iter().find(|(c, _)| c.object.tag == "integrator");
-            if props.object.old {
+            if props.object.old || props.plugin() == "stokes" {
                 let message = format!("{} has no effect but for what it wraps", props.title());
                 self.warn_at(props.object.pos, &message);
             }
@@ -212,6 +224,22 @@ impl<'a> Loader<'a> {
                 Some((inner, _)) => self.nested(*inner, |loader| loader.integrator(*inner)),
                 None => Err(props.error(format!("{} contains no integrator", props.title()))),
             };
+        }
+        if LIGHTLESS.contains(&props.plugin()) {
+            let message = format!(
+                "{} shows no light, but light is rendered here: --aovs writes depth, normals and more",
+                props.title()
+            );
+            self.warn_at(props.object.pos, &message);
+        } else if !INTEGRATORS.contains(&props.plugin()) {
+            let known: Vec<_> = [&INTEGRATORS[..], &LIGHTLESS, &WRAPPERS].concat();
+            // Research code has many more, and photon mapping renders what they do.
+            let message = format!(
+                "unknown {}: rendered by photon mapping; known are {}",
+                props.title(),
+                known.join(", ")
+            );
+            self.warn_at(props.object.pos, &message);
         }
         let mut params = Vec::new();
         for property in &props.object.properties {

@@ -1,5 +1,6 @@
 //! Typed access to an object's properties, with an account of which were used.
 
+use super::refused;
 use super::xml::{Object, Pos, Property, Tree, Value};
 use crate::Result;
 use glam::{Affine3A, DAffine3, DMat4, DVec3, Mat4, Vec3};
@@ -35,9 +36,38 @@ impl<'a> Props<'a> {
         self.tree.error(self.object.pos, message)
     }
 
-    /// For a plugin that is not among `known`.
+    /// For a plugin that is not among `known`: one that only Mitsuba has, or a typing error.
     pub(super) fn unknown_plugin(&self, known: &str) -> crate::Error {
-        self.error(format!("unknown {}; known are {known}", self.title()))
+        self.refusal().unwrap_or_else(|| self.error(format!("unknown {}; known are {known}", self.title())))
+    }
+
+    /// Why the plugin is refused, if it is one that Mitsuba has.
+    fn refusal(&self) -> Option<crate::Error> {
+        let reason = refused::reason(&self.object.tag, self.plugin())?;
+        Some(self.error(format!("{} is not supported: {reason}", self.title())))
+    }
+
+    /// For an object that cannot stand inside of a `container`, where something at `pos` puts it.
+    pub(super) fn misplaced(&self, container: &str, pos: Pos) -> crate::Error {
+        self.refusal().unwrap_or_else(|| {
+            let message = format!("a <{}> inside a {container} is not supported", self.object.tag);
+            self.tree.error(pos, message)
+        })
+    }
+
+    /// Refuses what a shape may say to be inside or outside of it.
+    pub(super) fn refuse_media(&self) -> Result<()> {
+        for name in ["interior", "exterior"] {
+            let Some(property) = self.get(name) else { continue };
+            let medium = self.object_of(property)?.map(|index| &self.tree.objects[index]);
+            let which = medium.map_or(String::new(), |m| format!(" ({} plugin '{}')", m.tag, m.plugin));
+            let message = format!(
+                "participating media are not supported{which}: light goes straight from surface to surface, \
+                 leave the '{name}' out"
+            );
+            return Err(self.tree.error(property.pos, message));
+        }
+        Ok(())
     }
 
     /// A property by name, marked as used.

@@ -29,12 +29,7 @@ impl<'a> Loader<'a> {
             "perspective" => (Projection::Perspective, false),
             "thinlens" => (Projection::Perspective, true),
             "orthographic" => (Projection::Orthographic, false),
-            plugin => match REFUSED.iter().find(|(name, _)| *name == plugin) {
-                Some((_, instead)) => {
-                    return Err(props.error(format!("{} is not supported: {instead}", props.title())));
-                }
-                None => return Err(props.unknown_plugin("perspective, thinlens, orthographic")),
-            },
+            _ => return Err(props.unknown_plugin("perspective, thinlens, orthographic")),
         };
         let perspective = projection == Projection::Perspective;
         let (mut film, mut sample_count) = (None, 4);
@@ -42,9 +37,7 @@ impl<'a> Loader<'a> {
             match child.object.tag.as_str() {
                 "film" => film = Some(self.film(child, size)?),
                 "sampler" => sample_count = self.sampler(child)?,
-                tag => {
-                    return Err(self.tree.error(pos, format!("a <{tag}> inside a sensor is not supported")));
-                }
+                _ => return Err(child.misplaced("sensor", pos)),
             }
         }
         let film = film.unwrap_or_else(|| {
@@ -133,7 +126,7 @@ impl<'a> Loader<'a> {
         for (child, pos) in props.children()? {
             match child.object.tag.as_str() {
                 "rfilter" => filter = self.filter(child)?,
-                tag => return Err(self.tree.error(pos, format!("a <{tag}> inside a film is not supported"))),
+                _ => return Err(child.misplaced("film", pos)),
             }
         }
         props.finish()?;
@@ -169,6 +162,11 @@ impl<'a> Loader<'a> {
 
     /// Any sampler will do: only the number of samples matters.
     fn sampler(&mut self, props: Props<'a>) -> Result<u32> {
+        if !SAMPLERS.contains(&props.plugin()) {
+            let message =
+                format!("unknown {}, which has no effect; known are {}", props.title(), SAMPLERS.join(", "));
+            self.warn_at(props.object.pos, &message);
+        }
         let count = props.count("sample_count", 4, 1..=u32::MAX)?;
         for property in props.unused() {
             if !["seed", "jitter", "strength"].contains(&property.name.as_str()) {
@@ -180,26 +178,13 @@ impl<'a> Loader<'a> {
     }
 }
 
+#[rustfmt::skip]
+const SAMPLERS: [&str; 8] = [
+    "independent", "stratified", "multijitter", "orthogonal", "ldsampler", "halton", "hammersley", "sobol",
+];
+
 /// Width and height of Mitsuba's film.
 const DEFAULT_SIZE: (u32, u32) = (768, 576);
-
-/// Sensors of Mitsuba 3 and 0.6 that take no picture that this renderer could, and what to do.
-const REFUSED: [(&str, &str); 8] = [
-    ("radiancemeter", "it measures a single ray, use a 'perspective' of narrow field of view"),
-    (
-        "irradiancemeter",
-        "it measures light on a shape, use an 'orthographic' that looks at a white diffuse surface there",
-    ),
-    (
-        "fluencemeter",
-        "it measures light at a point, use a 'perspective' that looks at a white diffuse surface there",
-    ),
-    ("distant", "it sees the scene from infinitely far away, use an 'orthographic' from outside of it"),
-    ("batch", "it holds several views, render each on its own"),
-    ("spherical", "it sees all around, use several views of 'perspective'"),
-    ("telecentric", "use 'orthographic', which is the same without a lens"),
-    ("perspective_rdist", "use 'perspective', which is the same without distortion"),
-];
 
 /// tan(fov_x / 2), which `fov`, `fov_axis` or `focal_length` tell.
 pub(super) fn half_width(props: Props, aspect: f32) -> Result<f32> {

@@ -140,11 +140,7 @@ impl<'a> Loader<'a> {
         let job = self.geometry(props, instance.unwrap_or(DAffine3::IDENTITY))?;
         let index = self.jobs.len() as u32;
         let (mut material, mut light) = (None, None);
-        for name in ["interior", "exterior"] {
-            if props.has(name) {
-                return Err(props.error_at(name, "participating media are not supported"));
-            }
-        }
+        props.refuse_media()?;
         let twice = |pos: Pos, what: &str| self.tree.error(pos, format!("a shape has only one {what}"));
         for (child, pos) in props.children()? {
             match child.object.tag.as_str() {
@@ -155,9 +151,7 @@ impl<'a> Loader<'a> {
                 }
                 "emitter" if light.is_some() => return Err(twice(pos, "emitter")),
                 "emitter" => light = Some(child),
-                tag => {
-                    return Err(self.tree.error(pos, format!("a <{tag}> inside a shape is not supported")));
-                }
+                _ => return Err(child.misplaced("shape", pos)),
             }
         }
         let material = match material {
@@ -272,10 +266,6 @@ impl<'a> Loader<'a> {
                 let (p0, p1) = (vec3("p0", DVec3::ZERO)?, vec3("p1", DVec3::Z)?);
                 let cylinder = Cylinder::new(p0, p1, props.float("radius", 1.0)?, to_world, flip_normals);
                 cylinder.map(|s| Job::Ready(Shape::Cylinder(s))).map_err(fail)
-            }
-            "bsplinecurve" | "linearcurve" | "hair" | "sdfgrid" | "ellipsoids" | "ellipsoidsmesh"
-            | "heightfield" | "deformable" | "blender" => {
-                Err(props.error(format!("{} is not supported: export it as a mesh", props.title())))
             }
             _ => Err(props.unknown_plugin(
                 "obj, ply, serialized, sphere, rectangle, disk, cube, cylinder, shapegroup, instance, merge",

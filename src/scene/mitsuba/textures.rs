@@ -328,7 +328,7 @@ impl<'a> Loader<'a> {
             }
             _ => {
                 return Err(props.unknown_plugin(
-                    "bitmap, checkerboard; d65, blackbody, uniform, regular, irregular, srgb",
+                    "bitmap, checkerboard, mesh_attribute; d65, blackbody, uniform, rawconstant, regular, irregular, srgb",
                 ));
             }
         };
