@@ -49,7 +49,10 @@ pub(super) fn prepare(path: &Path, args: &SceneArgs, kind: Option<Kind>) -> Resu
     let mut params = Params::default();
     let radius = description.geometry.bounds().radius();
     let mut ignored = Vec::new();
-    for param in &description.integrator_params {
+    // `lookup_size` is but the default of the two others that end so, wherever it stands.
+    let mut given: Vec<_> = description.integrator_params.iter().collect();
+    given.sort_by_key(|param| param.name != "lookup_size");
+    for param in given {
         let ours = translate(&named, param, radius);
         if ours.is_empty() {
             ignored.push(param.name.as_str());

@@ -13,6 +13,8 @@ mod upgrade;
 mod xml;
 
 #[cfg(test)]
+mod old_tests;
+#[cfg(test)]
 mod tests;
 
 use super::pending::{Pending, unless_failed};
