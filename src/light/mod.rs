@@ -147,10 +147,10 @@ impl Lights {
         let prepared: Vec<Prepared> = lights
             .iter()
             .map(|light| match light {
-                Light::Area { shape, .. } | Light::DirectionalArea { shape, .. } => geometry
+                Light::Area { shape, radiance } | Light::DirectionalArea { shape, radiance } => geometry
                     .shapes
                     .get(*shape as usize)
-                    .map_or(Prepared::None, |s| Prepared::Area(AreaSampler::new(s))),
+                    .map_or(Prepared::None, |s| Prepared::Area(AreaSampler::new(s, *radiance))),
                 Light::Spot(spot) => Prepared::Table(spot.table(textures)),
                 Light::Projector(projector) => Prepared::Table(projector.table(textures)),
                 Light::Sky(sky) => Prepared::Table(sky.table()),
@@ -432,6 +432,14 @@ impl Lights {
 impl Light {
     fn is_beam(&self) -> bool {
         matches!(self, Light::DirectionalArea { .. } | Light::Collimated { .. })
+    }
+
+    /// Whether texture coordinates of its surface tell how much it emits.
+    pub fn is_textured(&self) -> bool {
+        match self {
+            Light::Area { radiance, .. } | Light::DirectionalArea { radiance, .. } => radiance.is_textured(),
+            _ => false,
+        }
     }
 
     /// Whether escaping rays see it.

@@ -25,7 +25,7 @@ use crate::camera::Camera;
 use crate::film::FilmSettings;
 use crate::light::{Light, Lights, Targets};
 use crate::math::{Frame, Ray, Rgb, offset_origin};
-use crate::shape::{Bounds, Facet, Facets, Geometry, Hit};
+use crate::shape::{Bounds, Facet, Facets, Geometry, Hit, Wanted};
 use crate::texture::{Lookup, Texture};
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
@@ -94,6 +94,7 @@ pub struct Scene {
     facets: Facets,
     shape_material: Vec<u32>,
     shape_light: Vec<Option<u32>>,
+    shape_wanted: Vec<Wanted>,
     intersector: Box<dyn Intersector>,
 }
 
@@ -154,6 +155,15 @@ impl Scene {
         let targets = Targets::new(boxes.iter().copied());
         let sharp = |shape: u32| d.materials[d.shape_material[shape as usize] as usize].lobes().sharp;
         let casters = Targets::new(boxes.iter().copied().filter(|&(shape, _)| sharp(shape)));
+        let wanted = |(&material, light): (&u32, &Option<u32>)| {
+            let material = &d.materials[material as usize];
+            let shines_by_texture = light.is_some_and(|l| lights.lights()[l as usize].is_textured());
+            match material.is_textured() || material.needs_tangent() || shines_by_texture {
+                true => Wanted::All,
+                false => Wanted::Untextured,
+            }
+        };
+        let shape_wanted = d.shape_material.iter().zip(&shape_light).map(wanted).collect();
         let intersector = accel::build(backend, &d.geometry)?;
         let facets = Facets::new(&d.geometry);
         Ok(Scene {
@@ -169,6 +179,7 @@ impl Scene {
             facets,
             shape_material: d.shape_material,
             shape_light,
+            shape_wanted,
             intersector,
         })
     }
@@ -177,6 +188,16 @@ impl Scene {
     pub fn lobes(&self) -> Lobes {
         let materials = self.shape_material.iter().map(|&m| &self.materials[m as usize]);
         materials.fold(Lobes::default(), |lobes, material| lobes.union(material.lobes()))
+    }
+
+    /// How many of the shapes need texture coordinates and tangents.
+    pub fn textured_shapes(&self) -> usize {
+        self.shape_wanted.iter().filter(|&&wanted| wanted == Wanted::All).count()
+    }
+
+    /// Has texture coordinates and tangents computed everywhere, to see what it costs. No picture changes.
+    pub fn compute_everything(&mut self) {
+        self.shape_wanted.fill(Wanted::All);
     }
 
     /// The material of a shape.
@@ -202,12 +223,16 @@ impl Scene {
     /// Shading data of a hit.
     pub fn surface(&self, ray: &Ray, hit: &Hit) -> Surface<'_> {
         let shape = &self.geometry.shapes[hit.shape as usize];
-        let point = shape.point(ray, hit);
+        let wanted = self.shape_wanted[hit.shape as usize];
+        let point = shape.point(ray, hit, wanted);
         let at = Lookup::new(shape, point.uv, hit.primitive, Vec2::new(hit.u, hit.v));
         let material = self.material(hit.shape);
-        let (frame, partials) = if material.needs_tangent() {
+        let (frame, partials) = if wanted == Wanted::All {
             let partials = shape.partials(hit, &point);
-            let frame = Frame::from_normal_and_tangent(point.n_s, partials[0]);
+            let frame = match material.needs_tangent() {
+                true => Frame::from_normal_and_tangent(point.n_s, partials[0]),
+                false => Frame::from_normal(point.n_s),
+            };
             (frame, partials.map(|p| frame.to_local(p)))
         } else {
             (Frame::from_normal(point.n_s), [Vec3::ZERO; 2])

@@ -1,6 +1,6 @@
 //! Triangle meshes.
 
-use super::{Bounds, SurfacePoint};
+use super::{Bounds, SurfacePoint, Wanted};
 use crate::math::first_index;
 use glam::{Affine3A, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -145,8 +145,9 @@ impl Mesh {
         chunks.iter().sum::<f64>() as f32
     }
 
-    /// The point with barycentric weights (1−u−v, u, v). A triangle of no area has the normal z.
-    pub fn point(&self, triangle: u32, u: f32, v: f32) -> SurfacePoint {
+    /// The point with barycentric weights (1−u−v, u, v), with texture coordinates if they are `wanted`. A triangle of no
+    /// area has the normal z.
+    pub fn point(&self, triangle: u32, u: f32, v: f32, wanted: Wanted) -> SurfacePoint {
         let [i, j, k] = self.triangles[triangle as usize].map(|i| i as usize);
         let (a, b, c) = (self.positions[i], self.positions[j], self.positions[k]);
         let w = 1.0 - u - v;
@@ -155,10 +156,10 @@ impl Mesh {
             Some([]) | None => n_g,
             Some(n) => (n[i] * w + n[j] * u + n[k] * v).try_normalize().unwrap_or(n_g),
         };
-        let uv = match self.uvs.get(..) {
+        let uv = wanted.uv(|| match self.uvs.get(..) {
             Some([]) | None => Vec2::new(u, v),
             Some(t) => t[i] * w + t[j] * u + t[k] * v,
-        };
+        });
         let magnitude = a.abs().max(b.abs()).max(c.abs()).max_element();
         // From the edges, not the weighted vertices: the weights' rounding then stays within the plane.
         SurfacePoint { p: a + ((b - a) * u + (c - a) * v), magnitude, n_g, n_s, uv }

@@ -43,8 +43,23 @@ pub struct SurfacePoint {
     pub n_g: Vec3,
     /// Shading normal, unit length; equals `n_g` where no vertex normals exist.
     pub n_s: Vec3,
-    /// Texture coordinates.
+    /// Texture coordinates; zero unless they were wanted.
     pub uv: Vec2,
+}
+
+/// What of a surface point anybody will look at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// All of it.
+    All,
+    /// No texture coordinates: on quadrics they take inverse tangents, on meshes memory that nothing else touches.
+    Untextured,
+}
+
+impl Wanted {
+    fn uv(self, compute: impl FnOnce() -> Vec2) -> Vec2 {
+        if self == Wanted::All { compute() } else { Vec2::ZERO }
+    }
 }
 
 /// A point sampled on a surface.
@@ -148,16 +163,17 @@ impl Shape {
     }
 
     /// The surface point of a hit on this shape.
-    pub fn point(&self, ray: &Ray, hit: &Hit) -> SurfacePoint {
+    pub fn point(&self, ray: &Ray, hit: &Hit, wanted: Wanted) -> SurfacePoint {
         match self {
-            Shape::Mesh(m) => m.point(hit.primitive, hit.u, hit.v),
-            Shape::Sphere(s) => s.point(ray, hit.t),
-            Shape::Disk(d) => d.point(ray),
-            Shape::Cylinder(c) => c.point(ray, hit.t),
+            Shape::Mesh(m) => m.point(hit.primitive, hit.u, hit.v, wanted),
+            Shape::Sphere(s) => s.point(ray, hit.t, wanted),
+            Shape::Disk(d) => d.point(ray, wanted),
+            Shape::Cylinder(c) => c.point(ray, hit.t, wanted),
         }
     }
 
-    /// ∂p/∂u and ∂p/∂v at a point of this shape, for anisotropic materials, normal maps and bump maps.
+    /// ∂p/∂u and ∂p/∂v at a point of this shape that was wanted with [`Wanted::All`], for anisotropic materials, normal
+    /// maps and bump maps.
     pub fn partials(&self, hit: &Hit, point: &SurfacePoint) -> [Vec3; 2] {
         match self {
             Shape::Mesh(m) => m.partials(hit.primitive),
