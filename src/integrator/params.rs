@@ -44,6 +44,9 @@ pub struct Params {
     pub rr_depth: u32,
     /// `hide_emitters`: lights are not seen directly, but what is behind them (false).
     pub hide_emitters: bool,
+    /// `skip`: stages that the scene does not need are skipped (true). Switched off only to measure what that brings, so no
+    /// list of parameters names it.
+    pub skip: bool,
 }
 
 impl Default for Params {
@@ -62,6 +65,7 @@ impl Default for Params {
             max_depth: -1,
             rr_depth: 5,
             hide_emitters: false,
+            skip: true,
         }
     }
 }
@@ -132,6 +136,7 @@ impl Params {
                 d => self.rr_depth = d,
             },
             "hide_emitters" => self.hide_emitters = boolean(name, value)?,
+            "skip" => self.skip = boolean(name, value)?,
             _ => {
                 return Err(Error::Usage(format!(
                     "unknown parameter '{name}': known are global_photons, caustic_photons, global_k, caustic_k, \
@@ -158,6 +163,7 @@ impl Params {
             max_depth,
             rr_depth,
             hide_emitters,
+            skip,
         } = self;
         vec![
             ("global_photons", global_photons.to_string()),
@@ -173,6 +179,7 @@ impl Params {
             ("max_depth", max_depth.to_string()),
             ("rr_depth", rr_depth.to_string()),
             ("hide_emitters", hide_emitters.to_string()),
+            ("skip", skip.to_string()),
         ]
     }
 
@@ -202,6 +209,7 @@ mod tests {
             max_depth: 7,
             rr_depth: 8,
             hide_emitters: true,
+            skip: false,
         };
         for params in [odd, Params::default()] {
             let mut copy = Params { alpha: 0.9, ..Params::default() };

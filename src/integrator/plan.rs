@@ -31,11 +31,17 @@ impl Plan {
             radius: scene.bounds.radius(),
             skipped: Vec::new(),
         };
+        if params.skip {
+            plan.skip_texture_coordinates(scene);
+        }
         if options.integrator == Kind::Path {
             plan.skip_both(match scene.lights.have_beams() {
                 true => "the path tracer uses no photons, so it sees nothing of collimated light",
                 false => "the path tracer uses no photons",
             });
+            return plan;
+        }
+        if !params.skip {
             return plan;
         }
         let lobes = scene.lobes();
@@ -56,6 +62,16 @@ impl Plan {
     /// Whether any photons are shot.
     pub(super) fn has_photons(&self) -> bool {
         self.global_photons > 0 || self.caustic_photons > 0
+    }
+
+    fn skip_texture_coordinates(&mut self, scene: &Scene) {
+        let (textured, all) = (scene.textured_shapes(), scene.geometry.shapes.len());
+        let reason = match all - textured {
+            0 => return,
+            n if n == all => "no material or lamp is textured, none has grain or bumps".into(),
+            n => format!("on {n} of {all} shapes nothing is textured, and nothing has grain or bumps"),
+        };
+        self.skipped.push(Skipped { stage: "texture coordinates".into(), reason });
     }
 
     fn skip_both(&mut self, reason: &str) {

@@ -329,6 +329,8 @@ impl Material {
             | Material::Conductor { .. }
             | Material::Dielectric { .. }
             | Material::ThinDielectric { .. } => (false, true),
+            // As lamps often are.
+            Material::Diffuse { reflectance: Color::Constant(Vec3::ZERO) } => (false, false),
             Material::Diffuse { .. }
             | Material::RoughDiffuse { .. }
             | Material::DiffuseTransmitter { .. } => (true, false),
