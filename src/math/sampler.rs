@@ -12,6 +12,8 @@ pub enum Stream {
     GlobalPhotons = 2,
     /// Photon paths of the caustic map.
     CausticPhotons = 3,
+    /// Photons that are sent ahead to learn where caustics come from.
+    Pilots = 16,
 }
 
 /// One point of a low-discrepancy set, read dimension by dimension.

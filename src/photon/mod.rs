@@ -2,12 +2,14 @@
 //! points, and density estimation ([`Estimator`]).
 
 mod estimate;
+mod guide;
 pub mod kdtree;
 mod map;
 mod octahedral;
 mod splat;
 mod trace;
 
+pub use guide::Guide;
 pub use estimate::{Estimator, Kernel, Levels, Photons};
 pub use map::{Photon, PhotonMap};
 pub use splat::{Splat, Splatter};

@@ -1,0 +1,197 @@
+//! Which of the random numbers that a photon starts from are worth drawing: those whose photons meet something sharp
+//! first. Targets ([`crate::light::Targets`]) bound where that is and know nothing of what stands in the way, of lamps that
+//! turn away, or of the gaps in what they bound; a few photons sent ahead find out.
+//!
+//! The five numbers of [`crate::light::Lights::sample_emission`] (light, position, direction) are the coordinates of a unit
+//! cube. A tree halves it where that tells useful from useless (as the spatial trees of Müller et al. 2017, "Practical Path
+//! Guiding", but over random numbers: Guo et al. 2018, "Primary Sample Space Path Guiding"), and its leaves are drawn
+//! from by the flux they have brought to sharp surfaces, so photons also become equally bright. A share of the density is
+//! uniform, so it is positive wherever a photon can start, and known exactly, so nothing is biased whatever was learnt.
+
+use crate::math::{Sampler, Stream, luminance};
+use crate::scene::Scene;
+use rayon::prelude::*;
+
+/// Coordinates: light, position, direction.
+const AXES: usize = 5;
+/// The share of photons that are emitted as if nothing had been learnt.
+const UNIFORM: f32 = 0.05;
+/// Rounds of photons sent ahead; each draws by what the one before has learnt.
+const ROUNDS: [u64; 3] = [1 << 14, 1 << 14, 1 << 15];
+/// Nodes of fewer photons are not divided.
+const MIN_PHOTONS: usize = 48;
+/// Parts of each axis that are told apart when one is chosen. More than two: a half may look like the other one.
+const PARTS: usize = 8;
+/// By how much the parts must differ, as relative entropy.
+const MIN_GAIN: f32 = 0.02;
+
+/// A density over the random numbers of emission.
+#[derive(Clone, Debug)]
+pub struct Guide {
+    /// The root is the first.
+    nodes: Vec<Node>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    /// The axis that is halved; a leaf has none, that is [`AXES`].
+    axis: u32,
+    /// The lower half; the upper one follows.
+    child: u32,
+    /// Probability of the lower half.
+    prob: f32,
+}
+
+/// A photon sent ahead.
+#[derive(Clone, Copy)]
+struct Pilot {
+    at: [f32; AXES],
+    /// 1 / density.
+    weight: f32,
+    /// Its flux if it has met something sharp.
+    flux: f32,
+}
+
+impl Guide {
+    /// Learns where caustics come from. `None` if no photon found anything sharp. The same for any number of threads.
+    pub fn learn(scene: &Scene) -> Option<Guide> {
+        let mut guide: Option<Guide> = None;
+        for (round, count) in ROUNDS.into_iter().enumerate() {
+            let send = |index| Self::send(scene, guide.as_ref(), round as u64, index);
+            let mut pilots: Vec<Pilot> = (0..count).into_par_iter().map(send).collect();
+            guide = Self::of(&mut pilots);
+        }
+        guide
+    }
+
+    fn send(scene: &Scene, guide: Option<&Guide>, round: u64, index: u64) -> Pilot {
+        let mut sampler = Sampler::new(0, Stream::Pilots, round, index);
+        let (light, position, direction) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
+        let u = [light, position.x, position.y, direction.x, direction.y];
+        let (at, weight) = guide.map_or((u, 1.0), |guide| guide.warp(u));
+        let flux = (|| {
+            let [light, position @ .., x, y] = at;
+            let (position, direction) = (position.into(), [x, y].into());
+            let (geometry, textures) = (&scene.geometry, &scene.textures);
+            let start = scene.lights.sample_emission(
+                geometry,
+                textures,
+                &scene.casters,
+                light,
+                position,
+                direction,
+            )?;
+            let hit = scene.intersect(&crate::math::Ray::new(start.o, start.d))?;
+            let flux = luminance(start.flux);
+            (scene.material(hit.shape).lobes().sharp && flux.is_finite()).then_some(flux)
+        })();
+        Pilot { at, weight, flux: flux.unwrap_or(0.0) }
+    }
+
+    fn of(pilots: &mut [Pilot]) -> Option<Guide> {
+        let mut nodes = vec![Node { axis: AXES as u32, child: 0, prob: 0.0 }];
+        let mut masses = vec![0.0];
+        let total = grow(pilots, &mut nodes, &mut masses, 0, [0.0; AXES], [1.0; AXES]);
+        if !(total > 0.0 && total.is_finite()) {
+            return None;
+        }
+        // From masses to probabilities, with the uniform share: of each half, its share of the volume.
+        let mut volumes = vec![1.0f32; nodes.len()];
+        for i in 0..nodes.len() {
+            let Node { axis, child, .. } = nodes[i];
+            if (axis as usize) < AXES {
+                let child = child as usize;
+                volumes[child] = 0.5 * volumes[i];
+                volumes[child + 1] = volumes[child];
+                let prob = |i: usize| (1.0 - UNIFORM) * masses[i] / total + UNIFORM * volumes[i];
+                nodes[i].prob = prob(child) / (prob(child) + prob(child + 1));
+            }
+        }
+        Some(Guide { nodes })
+    }
+
+    /// The point that the random numbers `u` draw, and 1 / density there.
+    pub fn warp(&self, mut u: [f32; AXES]) -> ([f32; AXES], f32) {
+        let (mut low, mut size, mut weight) = ([0.0f32; AXES], [1.0f32; AXES], 1.0);
+        let mut node = &self.nodes[0];
+        while (node.axis as usize) < AXES {
+            let a = node.axis as usize;
+            size[a] *= 0.5;
+            let upper = u[a] >= node.prob;
+            let (prob, below) = if upper { (1.0 - node.prob, node.prob) } else { (node.prob, 0.0) };
+            // What is left of a number is used again, so points stay as evenly spread as they were.
+            u[a] = ((u[a] - below) / prob).clamp(0.0, BELOW_ONE);
+            low[a] += if upper { size[a] } else { 0.0 };
+            weight *= 0.5 / prob;
+            node = &self.nodes[node.child as usize + upper as usize];
+        }
+        let at = std::array::from_fn(|a| (low[a] + size[a] * u[a]).min(BELOW_ONE));
+        (at, weight)
+    }
+}
+
+const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+
+/// Divides a node as long as that is worth while; returns its mass, ∫ flux over its volume.
+fn grow(
+    pilots: &mut [Pilot],
+    nodes: &mut Vec<Node>,
+    masses: &mut Vec<f32>,
+    node: usize,
+    low: [f32; AXES],
+    size: [f32; AXES],
+) -> f32 {
+    masses[node] = size.iter().product::<f32>() * mean(pilots.iter());
+    if pilots.len() < MIN_PHOTONS {
+        return masses[node];
+    }
+    let gains: [f32; AXES] = std::array::from_fn(|a| gain(pilots, a, low[a], size[a]));
+    let axis = (0..AXES).max_by(|&a, &b| gains[a].total_cmp(&gains[b])).unwrap_or(0);
+    if gains[axis] < MIN_GAIN {
+        return masses[node];
+    }
+    let middle = low[axis] + 0.5 * size[axis];
+    // Stable, for the sake of equal sums whatever happens.
+    pilots.sort_by_key(|p| p.at[axis] >= middle);
+    let n = pilots.partition_point(|p| p.at[axis] < middle);
+    let (lower, upper) = pilots.split_at_mut(n);
+    if lower.is_empty() || upper.is_empty() {
+        return masses[node];
+    }
+    let child = nodes.len();
+    for _ in 0..2 {
+        nodes.push(Node { axis: AXES as u32, child: 0, prob: 0.0 });
+        masses.push(0.0);
+    }
+    (nodes[node].axis, nodes[node].child) = (axis as u32, child as u32);
+    let mut half = size;
+    half[axis] *= 0.5;
+    let mut above = low;
+    above[axis] = middle;
+    masses[node] = grow(lower, nodes, masses, child, low, half) + grow(upper, nodes, masses, child + 1, above, half);
+    masses[node]
+}
+
+/// Mean flux over a node's volume.
+fn mean<'a>(pilots: impl Iterator<Item = &'a Pilot>) -> f32 {
+    let (flux, weight) =
+        pilots.fold((0.0, 0.0), |(flux, weight), p| (flux + p.flux * p.weight, weight + p.weight));
+    if weight > 0.0 { flux / weight } else { 0.0 }
+}
+
+/// Relative entropy of the flux over equal parts of an axis.
+fn gain(pilots: &[Pilot], axis: usize, low: f32, size: f32) -> f32 {
+    let mut parts = [(0.0f32, 0.0f32); PARTS];
+    for p in pilots {
+        let part = ((p.at[axis] - low) * (PARTS as f32 / size)) as usize;
+        let (flux, weight) = &mut parts[part.min(PARTS - 1)];
+        *flux += p.flux * p.weight;
+        *weight += p.weight;
+    }
+    let means = parts.map(|(flux, weight)| if weight > 0.0 { flux / weight } else { 0.0 });
+    let total: f32 = means.iter().sum();
+    if total <= 0.0 {
+        return 0.0;
+    }
+    means.iter().map(|m| m / total).filter(|&q| q > 0.0).map(|q| q * (q * PARTS as f32).ln()).sum()
+}
