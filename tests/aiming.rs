@@ -33,8 +33,10 @@ fn share(scene: &Scene, guided: bool) -> f64 {
 /// A glass ball of 10 cm in a hall of 100 m, with a roof or without one.
 fn hall(light: &str, roof: bool) -> Scene {
     let roof = match roof {
-        true => r#"<shape type="rectangle"><transform name="to_world"><scale value="50"/><rotate x="1" angle="90"/>
-            <translate value="0, 20, 0"/></transform></shape>"#,
+        true => {
+            r#"<shape type="rectangle"><transform name="to_world"><scale value="50"/><rotate x="1" angle="90"/>
+            <translate value="0, 20, 0"/></transform></shape>"#
+        }
         false => "",
     };
     let wall = |angle: u32| {
@@ -56,18 +58,42 @@ fn hall(light: &str, roof: bool) -> Scene {
 }
 
 const HALL_LIGHTS: [(&str, bool, &str); 8] = [
-    ("panel", true, r#"<shape type="rectangle"><transform name="to_world"><scale value="5"/><rotate x="1" angle="90"/>
-        <translate value="0, 19.9, 0"/></transform><emitter type="area"/></shape>"#),
-    ("globe", true, r#"<shape type="sphere"><point name="center" value="20, 10, 0"/><emitter type="area"/></shape>"#),
+    (
+        "panel",
+        true,
+        r#"<shape type="rectangle"><transform name="to_world"><scale value="5"/><rotate x="1" angle="90"/>
+        <translate value="0, 19.9, 0"/></transform><emitter type="area"/></shape>"#,
+    ),
+    (
+        "globe",
+        true,
+        r#"<shape type="sphere"><point name="center" value="20, 10, 0"/><emitter type="area"/></shape>"#,
+    ),
     ("point", true, r#"<emitter type="point"><point name="position" value="-30, 15, 0"/></emitter>"#),
-    ("spot", true, r#"<emitter type="spot"><float name="cutoff_angle" value="60"/><transform name="to_world">
-        <lookat origin="0, 19, 0" target="0, 0, 0" up="1, 0, 0"/></transform></emitter>"#),
-    ("sun", false, r#"<emitter type="directional"><vector name="direction" value="0.4, -1, 0.2"/></emitter>"#),
+    (
+        "spot",
+        true,
+        r#"<emitter type="spot"><float name="cutoff_angle" value="60"/><transform name="to_world">
+        <lookat origin="0, 19, 0" target="0, 0, 0" up="1, 0, 0"/></transform></emitter>"#,
+    ),
+    (
+        "sun",
+        false,
+        r#"<emitter type="directional"><vector name="direction" value="0.4, -1, 0.2"/></emitter>"#,
+    ),
     ("sky", false, r#"<emitter type="constant"/>"#),
-    ("mixed", true, r#"<emitter type="point"><point name="position" value="-30, 15, 0"/></emitter>
-        <emitter type="spot"><transform name="to_world"><lookat origin="0, 19, 0" target="40, 0, 0" up="1, 0, 0"/></transform></emitter>"#),
-    ("hidden", true, r#"<emitter type="point"><point name="position" value="-30, 15, 0"/></emitter>
-        <emitter type="point"><rgb name="intensity" value="9"/><point name="position" value="-30, 25, 0"/></emitter>"#),
+    (
+        "mixed",
+        true,
+        r#"<emitter type="point"><point name="position" value="-30, 15, 0"/></emitter>
+        <emitter type="spot"><transform name="to_world"><lookat origin="0, 19, 0" target="40, 0, 0" up="1, 0, 0"/></transform></emitter>"#,
+    ),
+    (
+        "hidden",
+        true,
+        r#"<emitter type="point"><point name="position" value="-30, 15, 0"/></emitter>
+        <emitter type="point"><rgb name="intensity" value="9"/><point name="position" value="-30, 25, 0"/></emitter>"#,
+    ),
 ];
 
 #[test]

@@ -83,7 +83,8 @@ pub struct PhotonRecord {
 
 /// The photons that the first pass stores.
 pub fn photon_records(scene: &Scene, options: &Options) -> Vec<PhotonRecord> {
-    let plan = Plan::new(scene, options);
+    let mut plan = Plan::new(scene, options);
+    plan.learn(scene, &options.params);
     photonmap::photons(scene, &options.params, &plan, options.seed)
         .into_iter()
         .map(|(photon, caustic)| PhotonRecord { p: photon.p, d: -photon.wi, flux: photon.flux, caustic })

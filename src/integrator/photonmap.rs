@@ -49,7 +49,8 @@ fn photon_passes(plan: &Plan) -> [(Store, u64); 2] {
 pub(super) fn photons(scene: &Scene, params: &Params, plan: &Plan, seed: u64) -> Vec<(Photon, bool)> {
     let trace = |(store, count)| {
         let max_depth = params.max_segments().saturating_sub(1);
-        let photons = trace(scene, seed, 0, store, count, max_depth, None).photons;
+        let guide = plan.guide.as_ref().filter(|_| store == Store::Caustic);
+        let photons = trace(scene, seed, 0, store, count, max_depth, guide, None).photons;
         photons.into_iter().map(move |photon| (photon, store == Store::Caustic))
     };
     photon_passes(plan).into_iter().flat_map(trace).collect()
@@ -67,7 +68,8 @@ impl Maps {
             photon_passes(plan).map(|(store, count)| {
                 let start = Instant::now();
                 let splatter = (store == Store::Caustic).then_some(&splatter);
-                let traced = trace(scene, seed, pass, store, count, max_depth, splatter);
+                let guide = plan.guide.as_ref().filter(|_| store == Store::Caustic);
+                let traced = trace(scene, seed, pass, store, count, max_depth, guide, splatter);
                 splats.extend(traced.splats);
                 stats.seconds_photons += start.elapsed().as_secs_f64();
                 let start = Instant::now();

@@ -204,9 +204,10 @@ impl State {
         options: &Options,
         on_pass: &mut dyn FnMut(&Progress, &State) -> ControlFlow<()>,
     ) {
-        let plan = Plan::new(scene, options);
+        let mut plan = Plan::new(scene, options);
         let earlier = self.statistics.seconds.rendering;
         let start = Instant::now();
+        plan.learn(scene, &options.params);
         // The estimate costs more than a small pass: it is made at passes whose numbers grow geometrically.
         let (growth, mut next_estimate) = match options.budget {
             Budget::Error(_) => (1.1, MIN_PASSES),

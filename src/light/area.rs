@@ -119,16 +119,23 @@ impl AreaSampler {
         u_dir: Vec2,
     ) -> Option<EmissionSample> {
         let own = &geometry.shapes[shape as usize];
-        let point = own.sample_area(&self.distribution, u_pos, self.wanted)?;
-        let radiance = radiance.eval(textures, &place(own, &point));
-        let (d, flux) = match targets.aim_from(point.p, self.lights_only_others.then_some(shape)) {
-            Some(aim) => {
+        let mut point = own.sample_area(&self.distribution, u_pos, self.wanted)?;
+        let emitted = |point: &AreaSample| radiance.eval(textures, &place(own, point));
+        let (d, flux) = match (targets.aim_from(point.p, self.lights_only_others.then_some(shape)), own) {
+            (Some(aim), _) => {
                 let (d, pdf_w) = aim.sample(u_dir)?;
-                (d, radiance * (d.dot(point.n_g).max(0.0) * self.area / pdf_w))
+                (d, emitted(&point) * (d.dot(point.n_g).max(0.0) * self.area / pdf_w))
             }
-            None => {
+            // The same density, but the direction hangs on two random numbers alone: it can be learnt from them.
+            (None, Shape::Sphere(sphere)) if !sphere.flipped => {
+                let d = warp::sphere(u_dir);
+                let n = Frame::from_normal(d).to_world(warp::cosine_hemisphere(u_pos));
+                point = sphere.at(n.as_dvec3(), self.wanted).into();
+                (d, emitted(&point) * (PI * self.area))
+            }
+            (None, _) => {
                 let d = Frame::from_normal(point.n_g).to_world(warp::cosine_hemisphere(u_dir));
-                (d, radiance * (PI * self.area))
+                (d, emitted(&point) * (PI * self.area))
             }
         };
         (flux != Rgb::ZERO && emits([point.n_g, point.n_s], d)).then(|| EmissionSample {

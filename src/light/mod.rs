@@ -22,7 +22,7 @@ pub use sun::Sun;
 pub use targets::Targets;
 
 use crate::math::{Discrete, Rgb, luminance, warp};
-use crate::shape::Geometry;
+use crate::shape::{Geometry, Shape};
 use crate::texture::{Color, Lookup, Texture};
 use area::AreaSampler;
 use distant::World;
@@ -213,6 +213,23 @@ impl Lights {
     /// light's photons are all there is of it: wherever they land first counts as a caustic.
     pub fn is_beam(&self, i: u32) -> bool {
         self.lights[i as usize].is_beam()
+    }
+
+    /// Whether any light may send photons to `targets` without detour, whatever stands in between. A light that cannot
+    /// turns its back to them.
+    pub fn reach(&self, geometry: &Geometry, targets: &Targets) -> bool {
+        let reaches = |(light, &power): (&Light, &Rgb)| {
+            power != Rgb::ZERO
+                && match light {
+                    Light::Area { shape, .. } => {
+                        let plane = geometry.shapes.get(*shape as usize).and_then(Shape::plane);
+                        plane.is_none_or(|(p, n)| targets.lie_before(p, n, *shape))
+                    }
+                    Light::Spot(spot) => spot.reaches(targets),
+                    _ => true,
+                }
+        };
+        self.lights.iter().zip(&self.power).any(reaches)
     }
 
     /// Whether any light is a beam.

@@ -791,7 +791,7 @@ fn emission_and_direct_light_agree() {
     let disk =
         crate::shape::Bounds { min: Vec3::new(-RADIUS, -RADIUS, 0.0), max: Vec3::new(RADIUS, RADIUS, 0.0) };
     // No light's own shape.
-    let around = Targets::new([(7, disk)].into_iter());
+    let around = Targets::new([(7, disk, disk.radius())].into_iter());
     for (name, setup) in every_kind() {
         let (mut photons, mut aimed, mut direct) = ([0.0f64; 3], [0.0f64; 3], [0.0f64; 3]);
         for i in 0..N {

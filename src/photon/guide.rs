@@ -8,8 +8,9 @@
 //! from by the flux they have brought to sharp surfaces, so photons also become equally bright. A share of the density is
 //! uniform, so it is positive wherever a photon can start, and known exactly, so nothing is biased whatever was learnt.
 
-use crate::math::{Sampler, Stream, luminance};
+use crate::math::{Ray, Sampler, Stream, luminance};
 use crate::scene::Scene;
+use glam::vec2;
 use rayon::prelude::*;
 
 /// Coordinates: light, position, direction.
@@ -69,23 +70,19 @@ impl Guide {
         let (light, position, direction) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
         let u = [light, position.x, position.y, direction.x, direction.y];
         let (at, weight) = guide.map_or((u, 1.0), |guide| guide.warp(u));
-        let flux = (|| {
-            let [light, position @ .., x, y] = at;
-            let (position, direction) = (position.into(), [x, y].into());
-            let (geometry, textures) = (&scene.geometry, &scene.textures);
-            let start = scene.lights.sample_emission(
-                geometry,
-                textures,
-                &scene.casters,
-                light,
-                position,
-                direction,
-            )?;
-            let hit = scene.intersect(&crate::math::Ray::new(start.o, start.d))?;
-            let flux = luminance(start.flux);
-            (scene.material(hit.shape).lobes().sharp && flux.is_finite()).then_some(flux)
-        })();
+        let flux = Self::useful_flux(scene, at).filter(|flux| flux.is_finite());
         Pilot { at, weight, flux: flux.unwrap_or(0.0) }
+    }
+
+    /// Flux of the photon that starts from these random numbers if it can become part of a caustic.
+    fn useful_flux(scene: &Scene, [light, x, y, s, t]: [f32; AXES]) -> Option<f32> {
+        let (lights, geometry, textures) = (&scene.lights, &scene.geometry, &scene.textures);
+        let start =
+            lights.sample_emission(geometry, textures, &scene.casters, light, vec2(x, y), vec2(s, t))?;
+        let hit = scene.intersect(&Ray::new(start.o, start.d))?;
+        // What lands first from a beam is a caustic already.
+        let useful = scene.material(hit.shape).lobes().sharp || lights.is_beam(start.light);
+        useful.then(|| luminance(start.flux))
     }
 
     fn of(pilots: &mut [Pilot]) -> Option<Guide> {
@@ -168,7 +165,8 @@ fn grow(
     half[axis] *= 0.5;
     let mut above = low;
     above[axis] = middle;
-    masses[node] = grow(lower, nodes, masses, child, low, half) + grow(upper, nodes, masses, child + 1, above, half);
+    masses[node] =
+        grow(lower, nodes, masses, child, low, half) + grow(upper, nodes, masses, child + 1, above, half);
     masses[node]
 }
 

@@ -9,8 +9,8 @@ mod octahedral;
 mod splat;
 mod trace;
 
-pub use guide::Guide;
 pub use estimate::{Estimator, Kernel, Levels, Photons};
+pub use guide::Guide;
 pub use map::{Photon, PhotonMap};
 pub use splat::{Splat, Splatter};
 pub use trace::{Store, Traced, trace};

@@ -1,7 +1,7 @@
 //! Photon emission and transport.
 
-use super::Photon;
 use super::splat::{Splat, Splatter};
+use super::{Guide, Photon};
 use crate::bsdf::{Mode, Share};
 use crate::math::{Rgb, Sampler, Stream};
 use crate::scene::{Scene, Surface};
@@ -42,7 +42,8 @@ fn adjoint_correction(s: &Surface, wo: Vec3, wi: Vec3) -> f32 {
 }
 
 /// Emits `count` photon paths and stores them where they meet non-delta surfaces, up to `max_depth` segments. With a
-/// `splatter`, caustics are also shown to the camera.
+/// `splatter`, caustics are also shown to the camera. A `guide` is for caustics only.
+#[allow(clippy::too_many_arguments)]
 pub fn trace(
     scene: &Scene,
     seed: u64,
@@ -50,6 +51,7 @@ pub fn trace(
     store: Store,
     count: u64,
     max_depth: u32,
+    guide: Option<&Guide>,
     splatter: Option<&Splatter>,
 ) -> Traced {
     const BATCH: u64 = 4096;
@@ -60,7 +62,16 @@ pub fn trace(
             let mut out = Traced::default();
             for index in batch * BATCH..((batch + 1) * BATCH).min(count) {
                 let mut sampler = Sampler::new(seed, stream, pass as u64, index);
-                trace_one(scene, &mut sampler, store, 1.0 / count as f32, max_depth, splatter, &mut out);
+                trace_one(
+                    scene,
+                    &mut sampler,
+                    store,
+                    1.0 / count as f32,
+                    max_depth,
+                    guide,
+                    splatter,
+                    &mut out,
+                );
             }
             out
         })
@@ -75,16 +86,25 @@ pub fn trace(
     all
 }
 
+#[allow(clippy::too_many_arguments)]
 fn trace_one(
     scene: &Scene,
     sampler: &mut Sampler,
     store: Store,
     scale: f32,
     max_depth: u32,
+    guide: Option<&Guide>,
     splatter: Option<&Splatter>,
     out: &mut Traced,
 ) {
-    let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
+    let (mut u_light, mut u_pos, mut u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
+    let mut scale = scale;
+    if let Some(guide) = guide {
+        let weight;
+        ([u_light, u_pos.x, u_pos.y, u_dir.x, u_dir.y], weight) =
+            guide.warp([u_light, u_pos.x, u_pos.y, u_dir.x, u_dir.y]);
+        scale *= weight;
+    }
     let targets = if store == Store::Caustic { &scene.casters } else { &scene.targets };
     let (geometry, textures) = (&scene.geometry, &scene.textures);
     let emitted = scene.lights.sample_emission(geometry, textures, targets, u_light, u_pos, u_dir);

@@ -25,7 +25,7 @@ use crate::camera::Camera;
 use crate::film::FilmSettings;
 use crate::light::{Light, Lights, Targets};
 use crate::math::{Frame, Ray, Rgb, offset_origin};
-use crate::shape::{Bounds, Facet, Facets, Geometry, Hit, Wanted};
+use crate::shape::{Bounds, Facet, Facets, Geometry, Hit, Shape, Wanted};
 use crate::texture::{Lookup, Texture};
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
@@ -151,10 +151,14 @@ impl Scene {
         if d.shape_material.len() != d.geometry.shapes.len() {
             return Err(Error::Runtime("every shape needs a material".into()));
         }
-        let boxes: Vec<_> = (0..).zip(d.geometry.shapes.iter().map(|shape| shape.bounds())).collect();
-        let targets = Targets::new(boxes.iter().copied());
+        let bounded = |(i, shape): (u32, &Shape)| {
+            let bounds = shape.bounds();
+            (i, bounds, shape.radius_around(bounds.center()))
+        };
+        let shapes: Vec<_> = (0..).zip(&d.geometry.shapes).map(bounded).collect();
+        let targets = Targets::new(shapes.iter().copied());
         let sharp = |shape: u32| d.materials[d.shape_material[shape as usize] as usize].lobes().sharp;
-        let casters = Targets::new(boxes.iter().copied().filter(|&(shape, _)| sharp(shape)));
+        let casters = Targets::new(shapes.iter().copied().filter(|&(shape, ..)| sharp(shape)));
         let wanted = |(&material, light): (&u32, &Option<u32>)| {
             let material = &d.materials[material as usize];
             let shines_by_texture = light.is_some_and(|l| lights.lights()[l as usize].is_textured());

@@ -59,6 +59,15 @@ impl Mesh {
         chunks.into_iter().fold(Bounds::EMPTY, Bounds::union)
     }
 
+    /// Greatest distance from `center` of the vertices that triangles use.
+    pub fn radius_around(&self, center: Vec3) -> f32 {
+        let of_triangle = |t: &[u32; 3]| {
+            t.iter().map(|&i| self.positions[i as usize].distance_squared(center)).fold(0.0, f32::max)
+        };
+        let of_chunk = |chunk: &[[u32; 3]]| chunk.iter().map(of_triangle).fold(0.0, f32::max);
+        self.triangles.par_chunks(CHUNK).map(of_chunk).reduce(|| 0.0, f32::max).sqrt()
+    }
+
     /// The square [-1,1]² of the xy plane with normal +z and texture coordinates 0..1, transformed. The normal goes
     /// with the transform as normals do: a mirror transform within the plane leaves it on its side.
     pub fn rectangle(to_world: Affine3A) -> Mesh {
@@ -125,15 +134,20 @@ impl Mesh {
 
     /// Whether all triangles lie in one plane, exactly.
     pub fn is_flat(&self) -> bool {
+        self.plane().is_some()
+    }
+
+    /// A point and the normal of the plane that all triangles lie in, exactly, and face the same side of.
+    pub fn plane(&self) -> Option<(Vec3, Vec3)> {
         let mut normals = (0..self.triangles.len() as u32).map(|t| self.area_vector(t));
-        let Some(n) = normals.find(|n| *n != Vec3::ZERO) else { return false };
+        let n = normals.find(|n| *n != Vec3::ZERO)?;
         let origin = self.vertices(0)[0];
         let leaves = |t: &[u32; 3]| {
             let on_plane = t.iter().all(|&i| n.dot(self.positions[i as usize] - origin) == 0.0);
             let faces_alike = n.dot(self.area_vector_of(t)) >= 0.0;
             !(on_plane && faces_alike)
         };
-        first_index(&self.triangles, leaves).is_none()
+        first_index(&self.triangles, leaves).is_none().then(|| (origin, n.normalize()))
     }
 
     /// Sum of the triangles' areas.

@@ -151,6 +151,18 @@ impl Shape {
         }
     }
 
+    /// Radius of a sphere around `center` that holds the shape, but for rounding.
+    pub fn radius_around(&self, center: Vec3) -> f32 {
+        match self {
+            Shape::Mesh(m) => m.radius_around(center),
+            Shape::Sphere(s) => s.center.distance(center) + s.radius,
+            Shape::Disk(_) | Shape::Cylinder(_) => {
+                let bounds = self.bounds();
+                (bounds.max - center).abs().max((bounds.min - center).abs()).length()
+            }
+        }
+    }
+
     /// Distance of the nearest hit with an analytic shape, which all backends share. `None` for meshes: testing
     /// triangles is the backends' own business.
     pub fn intersect(&self, ray: &Ray) -> Option<f32> {
@@ -190,6 +202,15 @@ impl Shape {
             Shape::Sphere(s) => !s.flipped,
             Shape::Disk(_) => true,
             Shape::Cylinder(c) => !c.flipped,
+        }
+    }
+
+    /// A point and the normal of the plane that it lies in, if it does.
+    pub fn plane(&self) -> Option<(Vec3, Vec3)> {
+        match self {
+            Shape::Mesh(m) => m.plane(),
+            Shape::Disk(d) => Some((d.center, d.n_g)),
+            Shape::Sphere(_) | Shape::Cylinder(_) => None,
         }
     }
 
