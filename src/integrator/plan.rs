@@ -30,7 +30,7 @@ impl Plan {
         };
         let mut plan = Plan {
             global_photons: auto(params.global_photons, 1),
-            caustic_photons: auto(params.caustic_photons, 2),
+            caustic_photons: auto(params.caustic_photons, 1),
             guide: None,
             radius: scene.bounds.radius(),
             skipped: Vec::new(),

@@ -119,23 +119,30 @@ impl AreaSampler {
         u_dir: Vec2,
     ) -> Option<EmissionSample> {
         let own = &geometry.shapes[shape as usize];
-        let mut point = own.sample_area(&self.distribution, u_pos, self.wanted)?;
         let emitted = |point: &AreaSample| radiance.eval(textures, &place(own, point));
-        let (d, flux) = match (targets.aim_from(point.p, self.lights_only_others.then_some(shape)), own) {
-            (Some(aim), _) => {
-                let (d, pdf_w) = aim.sample(u_dir)?;
-                (d, emitted(&point) * (d.dot(point.n_g).max(0.0) * self.area / pdf_w))
-            }
-            // The same density, but the direction hangs on two random numbers alone: it can be learnt from them.
-            (None, Shape::Sphere(sphere)) if !sphere.flipped => {
+        let aim = |p: Vec3| targets.aim_from(p, self.lights_only_others.then_some(shape));
+        let (point, d, flux) = match own {
+            // The density of all other shapes below, but the direction hangs on two random numbers alone: it can be learnt
+            // from them. Whether to aim must not depend on the point, which is drawn after the direction.
+            Shape::Sphere(sphere) if !sphere.flipped && aim(sphere.center).is_none() => {
                 let d = warp::sphere(u_dir);
                 let n = Frame::from_normal(d).to_world(warp::cosine_hemisphere(u_pos));
-                point = sphere.at(n.as_dvec3(), self.wanted).into();
-                (d, emitted(&point) * (PI * self.area))
+                let point = sphere.at(n.as_dvec3(), self.wanted).into();
+                (point, d, emitted(&point) * (PI * self.area))
             }
-            (None, _) => {
-                let d = Frame::from_normal(point.n_g).to_world(warp::cosine_hemisphere(u_dir));
-                (d, emitted(&point) * (PI * self.area))
+            _ => {
+                let point = own.sample_area(&self.distribution, u_pos, self.wanted)?;
+                match aim(point.p) {
+                    Some(aim) => {
+                        let (d, pdf_w) = aim.sample(u_dir)?;
+                        let cos = d.dot(point.n_g).max(0.0);
+                        (point, d, emitted(&point) * (cos * self.area / pdf_w))
+                    }
+                    None => {
+                        let d = Frame::from_normal(point.n_g).to_world(warp::cosine_hemisphere(u_dir));
+                        (point, d, emitted(&point) * (PI * self.area))
+                    }
+                }
             }
         };
         (flux != Rgb::ZERO && emits([point.n_g, point.n_s], d)).then(|| EmissionSample {

@@ -18,13 +18,15 @@ const AXES: usize = 5;
 /// The share of photons that are emitted as if nothing had been learnt.
 const UNIFORM: f32 = 0.05;
 /// Rounds of photons sent ahead; each draws by what the one before has learnt.
-const ROUNDS: [u64; 3] = [1 << 14, 1 << 14, 1 << 15];
+const ROUNDS: [u64; 3] = [1 << 14, 1 << 14, 1 << 16];
 /// Nodes of fewer photons are not divided.
 const MIN_PHOTONS: usize = 48;
+/// What is known of a node without any photons weighs as much as so many.
+const PRIOR: f32 = 2.0;
 /// Parts of each axis that are told apart when one is chosen. More than two: a half may look like the other one.
 const PARTS: usize = 8;
-/// By how much the parts must differ, as relative entropy.
-const MIN_GAIN: f32 = 0.02;
+/// By how much the parts must differ: their relative entropy, times the node's share of all flux.
+const MIN_GAIN: f32 = 2e-4;
 
 /// A density over the random numbers of emission.
 #[derive(Clone, Debug)]
@@ -88,7 +90,8 @@ impl Guide {
     fn of(pilots: &mut [Pilot]) -> Option<Guide> {
         let mut nodes = vec![Node { axis: AXES as u32, child: 0, prob: 0.0 }];
         let mut masses = vec![0.0];
-        let total = grow(pilots, &mut nodes, &mut masses, 0, [0.0; AXES], [1.0; AXES]);
+        let whole = mean(pilots, 0.0);
+        let total = grow(pilots, &mut nodes, &mut masses, 0, whole, [0.0; AXES], [1.0; AXES]);
         if !(total > 0.0 && total.is_finite()) {
             return None;
         }
@@ -135,16 +138,18 @@ fn grow(
     nodes: &mut Vec<Node>,
     masses: &mut Vec<f32>,
     node: usize,
+    around: f32,
     low: [f32; AXES],
     size: [f32; AXES],
 ) -> f32 {
-    masses[node] = size.iter().product::<f32>() * mean(pilots.iter());
+    let here = mean(pilots, around);
+    masses[node] = size.iter().product::<f32>() * here;
     if pilots.len() < MIN_PHOTONS {
         return masses[node];
     }
     let gains: [f32; AXES] = std::array::from_fn(|a| gain(pilots, a, low[a], size[a]));
     let axis = (0..AXES).max_by(|&a, &b| gains[a].total_cmp(&gains[b])).unwrap_or(0);
-    if gains[axis] < MIN_GAIN {
+    if gains[axis] * masses[node] < MIN_GAIN * masses[0] {
         return masses[node];
     }
     let middle = low[axis] + 0.5 * size[axis];
@@ -165,16 +170,18 @@ fn grow(
     half[axis] *= 0.5;
     let mut above = low;
     above[axis] = middle;
-    masses[node] =
-        grow(lower, nodes, masses, child, low, half) + grow(upper, nodes, masses, child + 1, above, half);
+    masses[node] = grow(lower, nodes, masses, child, here, low, half)
+        + grow(upper, nodes, masses, child + 1, here, above, half);
     masses[node]
 }
 
-/// Mean flux over a node's volume.
-fn mean<'a>(pilots: impl Iterator<Item = &'a Pilot>) -> f32 {
+/// Mean flux over a node's volume, if as many as [`PRIOR`] more photons had brought the mean of the node `around` it:
+/// where none of a few photons was useful, the next one may be, and would be blinding if it were thought impossible.
+fn mean(pilots: &[Pilot], around: f32) -> f32 {
     let (flux, weight) =
-        pilots.fold((0.0, 0.0), |(flux, weight), p| (flux + p.flux * p.weight, weight + p.weight));
-    if weight > 0.0 { flux / weight } else { 0.0 }
+        pilots.iter().fold((0.0, 0.0), |(flux, weight), p| (flux + p.flux * p.weight, weight + p.weight));
+    let n = pilots.len() as f32;
+    if weight > 0.0 { (n * flux / weight + PRIOR * around) / (n + PRIOR) } else { around }
 }
 
 /// Relative entropy of the flux over equal parts of an axis.
