@@ -140,7 +140,8 @@ fn brought(scene: &Scene, guide: Option<&Guide>, pass: u32, count: u64) -> [f64;
     let splatter = Splatter { scene, hide_emitters: false };
     let traced = trace(scene, 3, pass, Store::Caustic, count, 8, guide, Some(&splatter));
     let half = |sign: f32| {
-        let there = traced.photons.iter().filter(|photon| photon.p.z * sign > 0.0);
+        let photons = traced.photons.iter().map(|packed| packed.unpack());
+        let there = photons.filter(|photon| photon.p.z * sign > 0.0);
         there.map(|photon| photon.flux.y as f64).sum()
     };
     [traced.splats.iter().map(|splat| splat.value.y as f64).sum(), half(-1.0), half(1.0)]

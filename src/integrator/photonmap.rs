@@ -51,7 +51,7 @@ pub(super) fn photons(scene: &Scene, params: &Params, plan: &Plan, seed: u64) ->
         let max_depth = params.max_segments().saturating_sub(1);
         let guide = plan.guide.as_ref().filter(|_| store == Store::Caustic);
         let photons = trace(scene, seed, 0, store, count, max_depth, guide, None).photons;
-        photons.into_iter().map(move |photon| (photon, store == Store::Caustic))
+        photons.into_iter().map(move |photon| (photon.unpack(), store == Store::Caustic))
     };
     photon_passes(plan).into_iter().flat_map(trace).collect()
 }
@@ -73,7 +73,7 @@ impl Maps {
                 splats.extend(traced.splats);
                 stats.seconds_photons += start.elapsed().as_secs_f64();
                 let start = Instant::now();
-                let map = PhotonMap::new(&traced.photons);
+                let map = PhotonMap::of_packed(traced.photons);
                 stats.seconds_maps += start.elapsed().as_secs_f64();
                 stats.rays += traced.rays;
                 stats.emitted += count;

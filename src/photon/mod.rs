@@ -11,6 +11,6 @@ mod trace;
 
 pub use estimate::{Estimator, Kernel, Levels, Photons};
 pub use guide::Guide;
-pub use map::{Photon, PhotonMap};
+pub use map::{Packed, Photon, PhotonMap};
 pub use splat::{Splat, Splatter};
 pub use trace::{Store, Traced, trace};

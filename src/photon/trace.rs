@@ -1,7 +1,7 @@
 //! Photon emission and transport.
 
 use super::splat::{Splat, Splatter};
-use super::{Guide, Photon};
+use super::{Guide, Packed, Photon};
 use crate::bsdf::{Mode, Share};
 use crate::math::{Rgb, Sampler, Stream};
 use crate::scene::{Scene, Surface};
@@ -22,7 +22,7 @@ pub enum Store {
 #[derive(Debug, Default)]
 pub struct Traced {
     /// Photons in order of emission, whatever the number of threads.
-    pub photons: Vec<Photon>,
+    pub photons: Vec<Packed>,
     /// What of them the camera sees directly, likewise in order.
     pub splats: Vec<Splat>,
     /// Rays traced.
@@ -121,7 +121,8 @@ fn trace_one(
         if s.bsdf.has_smooth() {
             let mut push = |flux: Rgb, caustic| {
                 if flux.max_element() > 0.0 {
-                    out.photons.push(Photon { p: s.p, wi, n_g: s.n_g, flux, depth: depth as u8, caustic });
+                    let photon = Photon { p: s.p, wi, n_g: s.n_g, flux, depth: depth as u8, caustic };
+                    out.photons.push(photon.into());
                 }
             };
             let shown = if depth == 1 && !beam { Rgb::ZERO } else { caustic };
