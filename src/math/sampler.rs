@@ -12,6 +12,8 @@ pub enum Stream {
     GlobalPhotons = 2,
     /// Photon paths of the caustic map.
     CausticPhotons = 3,
+    /// Camera rays before the first pass; `set` is the pixel, `index` the sample.
+    Guides = 4,
 }
 
 /// One point of a low-discrepancy set, read dimension by dimension.
