@@ -176,13 +176,21 @@ impl FeatureSums {
 pub struct Guide {
     features: [f32; 9],
     emitted: [f32; 3],
-    /// How many samples.
+    /// How many samples the features are from.
     count: f32,
+    /// How many samples the emitted light is from, which must not have had a say in their number.
+    emitted_count: f32,
 }
 
 impl Guide {
     /// From the features and emitted light ([`Values::emitted`]) of each sample.
     pub fn new(samples: impl Iterator<Item = (Features, Rgb)>) -> Guide {
+        let features = Guide::without_emitted(samples);
+        Guide { emitted_count: features.count, ..features }
+    }
+
+    /// The same where the light they found has decided that there are no more: it would be off in the mean.
+    pub fn without_emitted(samples: impl Iterator<Item = (Features, Rgb)>) -> Guide {
         let (mut features, mut emitted, mut count) = ([0.0f64; 9], DVec3::ZERO, 0.0);
         for (f, e) in samples {
             features.iter_mut().zip(f.to_array()).for_each(|(sum, f)| *sum += f64::from(f));
@@ -194,6 +202,7 @@ impl Guide {
             features: features.map(|f| (f * scale) as f32),
             emitted: (emitted * scale).as_vec3().to_array(),
             count: count as f32,
+            emitted_count: 0.0,
         }
     }
 }
@@ -214,7 +223,7 @@ pub struct Film {
     layers: usize,
     /// Passes in each half.
     passes: [u32; 2],
-    /// `stride` sums for each pixel: half 0 (wide, fine), half 1 (wide, fine), emitted light, the layers.
+    /// `stride` sums for each pixel: half 0 (wide, fine, emitted light), half 1 (the same), the layers.
     sums: Vec<Sum>,
     /// Features for each pixel in each half; nothing if the film has no guides.
     features: Vec<[FeatureSums; 2]>,
@@ -332,14 +341,19 @@ impl Film {
 
     /// How many bytes [`Film::contents`] of such a film are.
     pub fn contents_size(size: (u32, u32), fine: bool, layers: usize, guided: bool) -> u64 {
-        let sums = 2 * (1 + u64::from(fine)) + 1 + layers as u64;
+        let sums = 2 * (2 + u64::from(fine)) + layers as u64;
         let guides = if guided { size_of::<[FeatureSums; 2]>() + size_of::<Guide>() } else { 0 };
         let pixels = u64::from(size.0) * u64::from(size.1);
         pixels.saturating_mul(sums * size_of::<Sum>() as u64 + guides as u64)
     }
 
+    /// Sums of a half: its levels, and emitted light.
+    fn block(&self) -> usize {
+        self.levels + 1
+    }
+
     fn stride(&self) -> usize {
-        2 * self.levels + 1 + self.layers
+        2 * self.block() + self.layers
     }
 
     /// Adds pass number `pass`. `pixel` fills in what it shows at a column and row, in parallel. `row` makes what
@@ -350,7 +364,7 @@ impl Film {
         row: impl Fn() -> S + Sync,
         pixel: impl Fn(usize, usize, &mut S, &mut Values) + Sync,
     ) -> Vec<S> {
-        let (levels, layers, stride) = (self.levels, self.layers, self.stride());
+        let (levels, layers, stride, block) = (self.levels, self.layers, self.stride(), self.block());
         let half = half(pass) as usize;
         self.passes[half] += 1;
         let mut features: Vec<&mut [[FeatureSums; 2]]> = match self.features.is_empty() {
@@ -368,10 +382,10 @@ impl Film {
             };
             for (x, sums) in sums.chunks_exact_mut(stride).enumerate() {
                 pixel(x, y, &mut scratch, &mut values);
-                let (halves, rest) = sums.split_at_mut(2 * levels);
-                let picture = halves[half * levels..].iter_mut().zip(&values.picture);
-                let others = std::iter::once(&values.emitted).chain(&values.layers);
-                picture.chain(rest.iter_mut().zip(others)).for_each(|(sum, &v)| sum.add(v));
+                let (halves, layers) = sums.split_at_mut(2 * block);
+                let picture = values.picture.iter().chain([&values.emitted]);
+                let picture = halves[half * block..].iter_mut().zip(picture);
+                picture.chain(layers.iter_mut().zip(&values.layers)).for_each(|(sum, &v)| sum.add(v));
                 if let Some(features) = features.get_mut(x) {
                     features[half].add(&values.features);
                 }
@@ -383,10 +397,10 @@ impl Film {
 
     /// Adds light to the fine picture of a pass already added, and to `layer`.
     pub fn splat(&mut self, pass: u32, pixel: usize, value: Rgb, layer: Option<usize>) {
-        let at = pixel * self.stride();
-        self.sums[at + half(pass) as usize * self.levels + self.levels - 1].add(value);
+        let (at, block) = (pixel * self.stride(), self.block());
+        self.sums[at + half(pass) as usize * block + self.levels - 1].add(value);
         if let Some(layer) = layer {
-            self.sums[at + 2 * self.levels + 1 + layer].add(value);
+            self.sums[at + 2 * block + layer].add(value);
         }
     }
 
@@ -415,8 +429,7 @@ impl Film {
 
     /// Where [`Film::contents`] of a film of the same shape are put back.
     pub fn contents_mut(&mut self) -> (&mut [u32; 2], [&mut [u8]; 2], &mut [u8]) {
-        let eights =
-            [bytemuck::cast_slice_mut(&mut self.sums), bytemuck::cast_slice_mut(&mut self.features)];
+        let eights = [bytemuck::cast_slice_mut(&mut self.sums), bytemuck::cast_slice_mut(&mut self.features)];
         (&mut self.passes, eights, bytemuck::cast_slice_mut(&mut self.guides))
     }
 
@@ -424,29 +437,30 @@ impl Film {
         &self.sums[pixel * self.stride()..][..self.stride()]
     }
 
-    /// Means of the passes in all, and the half difference between the means of the two halves, scaled so that its
-    /// square is the variance of the mean. Both wide, and fine less wide.
+    /// The wide picture, and the fine one less the wide.
     fn levels(&self, pixel: usize) -> [Estimate; 2] {
+        let (wide, fine) = (self.estimate(pixel, 0), self.estimate(pixel, self.levels - 1));
+        [wide, fine.plus(&wide, -1.0)]
+    }
+
+    /// Of sum number `i` of the halves.
+    fn estimate(&self, pixel: usize, i: usize) -> Estimate {
         let sums = self.pixel(pixel);
         let [n0, n1] = self.passes.map(f64::from);
         let n = (n0 + n1).max(1.0);
         let spread = if n0 > 0.0 && n1 > 0.0 { (n0 * n1).sqrt() / n } else { 0.0 };
-        let level = |l: usize| {
-            let (a, b) = (sums[l].value(), sums[self.levels + l].value());
-            ((a + b) / n, (a / n0.max(1.0) - b / n1.max(1.0)) * spread)
-        };
-        let (wide, noise) = level(0);
-        let (fine, fine_noise) = level(self.levels - 1);
-        [Estimate { value: wide, noise }, Estimate { value: fine - wide, noise: fine_noise - noise }]
+        let (a, b) = (sums[i].value(), sums[self.block() + i].value());
+        Estimate { value: (a + b) / n, noise: (a / n0.max(1.0) - b / n1.max(1.0)) * spread }
     }
 
     /// What the camera sees of lights themselves: mean over all passes, and the samples that were taken before.
-    fn emitted(&self, pixel: usize) -> DVec3 {
-        let sum = self.pixel(pixel)[2 * self.levels].value();
+    fn emitted(&self, pixel: usize) -> Estimate {
+        let Estimate { value, noise } = self.estimate(pixel, self.levels);
         let before = self.guides.get(pixel).copied().unwrap_or_default();
-        let count = f64::from(before.count);
-        let known = Vec3::from_array(before.emitted).as_dvec3();
-        (sum + known * count) / (f64::from(self.passes()) + count).max(1.0)
+        let count = f64::from(before.emitted_count);
+        let known = count / (f64::from(self.passes()) + count).max(1.0);
+        let before = Vec3::from_array(before.emitted).as_dvec3();
+        Estimate { value: value + (before - value) * known, noise: noise * (1.0 - known) }
     }
 
     /// The picture, and how far it is to be trusted.
@@ -481,10 +495,10 @@ impl Film {
                 }
             }
         }
+        picture = picture.par_iter().enumerate().map(|(i, p)| p.plus(&self.emitted(i), 1.0)).collect();
         // Noise goes with brightness, so it is relative noise that is smoothed.
         let noise = self.windowed(|pixel| {
             let Estimate { value, noise } = picture[pixel];
-            let value = value + self.emitted(pixel);
             let rounding = value * ROUNDING;
             [(noise * noise + rounding * rounding) / (value * value + FLOOR), value, DVec3::ZERO]
         });
@@ -492,7 +506,7 @@ impl Film {
         let (mut image, mut noises, mut gain) =
             (Vec::with_capacity(n), Vec::with_capacity(n), Vec::with_capacity(n));
         for pixel in 0..n {
-            let value = picture[pixel].value + self.emitted(pixel);
+            let value = picture[pixel].value;
             let [relative_variance, around, _] = noise[pixel];
             // A lone bright pixel must not hide its own error.
             let scale = around * around + FLOOR;
@@ -500,7 +514,7 @@ impl Film {
             error.1 += (biases[pixel] / scale).element_sum();
             image.push(value.as_vec3());
             noises.push((relative_variance * (value * value + FLOOR)).map(f64::sqrt).as_vec3());
-            let passes = mean[pixel] + self.pixel(pixel)[2 * self.levels].value() / f64::from(self.passes().max(1));
+            let passes = mean[pixel] + self.estimate(pixel, self.levels).value;
             gain.push((value / passes).as_vec3().map(|gain| if gain.is_finite() { gain } else { 1.0 }));
         }
         let mean = |sum: f64| if halves { (sum / (3 * n).max(1) as f64).sqrt() } else { 0.0 };
@@ -587,7 +601,8 @@ impl Film {
             [0, 1].map(|h| (0..n).into_par_iter().map(|pixel| input(h, pixel)).collect());
         let variance: Vec<[f32; 3]> = self
             .windowed(|pixel| {
-                let difference = Vec3::from_array(halves[0][pixel].value) - Vec3::from_array(halves[1][pixel].value);
+                let difference =
+                    Vec3::from_array(halves[0][pixel].value) - Vec3::from_array(halves[1][pixel].value);
                 let difference = difference.as_dvec3();
                 [difference * difference * 0.5, DVec3::ZERO, DVec3::ZERO]
             })
@@ -620,9 +635,10 @@ impl Film {
     fn mixed_layer(&self, wide: usize, fine: usize, resolved: Option<&Resolved>) -> Image {
         let scale = 1.0 / self.passes().max(1) as f64;
         let pixels = (0..self.width * self.height).map(|pixel| {
-            let layers = &self.pixel(pixel)[2 * self.levels + 1..];
+            let layers = &self.pixel(pixel)[2 * self.block()..];
             let (wide, fine) = (layers[wide].value() * scale, layers[fine].value() * scale);
-            let (share, gain) = resolved.map_or((0.0, Vec3::ONE), |r| (f64::from(r.fine[pixel]), r.gain[pixel]));
+            let (share, gain) =
+                resolved.map_or((0.0, Vec3::ONE), |r| (f64::from(r.fine[pixel]), r.gain[pixel]));
             (wide + (fine - wide) * share).as_vec3() * gain
         });
         Image { width: self.width, height: self.height, pixels: pixels.collect() }

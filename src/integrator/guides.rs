@@ -48,7 +48,7 @@ pub(super) fn guides(scene: &Scene, params: &Params, seed: u64) -> (Vec<Guide>, 
         .map(|pixel| {
             let samples = std::array::from_fn::<_, { FEW as usize }, _>(|i| sample(pixel, i as u64));
             let rays = samples.iter().map(|s| s.2).sum();
-            (Guide::new(samples.iter().map(|s| (s.0, s.1))), Doubt::new(&samples), rays)
+            (Guide::without_emitted(samples.iter().map(|s| (s.0, s.1))), Doubt::new(&samples), rays)
         })
         .collect();
     let refined: Vec<(Guide, u64)> = (0..few.len())
@@ -66,7 +66,8 @@ pub(super) fn guides(scene: &Scene, params: &Params, seed: u64) -> (Vec<Guide>, 
             if !own.is_doubtful && !around.into_iter().flatten().any(|other| own.differs(other)) {
                 return (*guide, rays);
             }
-            let samples = (0..MANY).map(|index| {
+            // Others than have decided.
+            let samples = (FEW..FEW + MANY).map(|index| {
                 let (features, emitted, n) = sample(pixel, index);
                 rays += n;
                 (features, emitted)
@@ -96,7 +97,8 @@ impl Doubt {
             sum * (scale * scale)
         };
         let relative = (variance(|s| s.1, emitted) / (emitted * emitted + 0.01)).max_element();
-        let features = variance(|s| s.0.normal, normal).max_element()
+        let features = variance(|s| s.0.normal, normal)
+            .max_element()
             .max((variance(|s| s.0.albedo, albedo) / (albedo * albedo + 0.01)).max_element());
         Doubt { emitted, normal, albedo, is_doubtful: relative > DOUBT || features > 1e-3 }
     }
