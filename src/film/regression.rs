@@ -22,13 +22,19 @@ const ENTRIES: usize = K * (K + 1) / 2 + 3 * K;
 const TILE: [usize; 2] = [32, 16];
 /// Pixels around a tile that are read: window and patch.
 const PAD: usize = R + 1;
-/// Weight of the features' slopes that nothing in the picture determines, relative to the sum of weights.
-const RIDGE: f32 = 1e-3;
+/// Keeps slopes near zero that nothing in the picture determines. A pixel weighs 1 at most.
+const RIDGE: f64 = 1e-3;
+
+/// Features that differ more do not tell more: slopes must not outweigh the constant where little is known of either.
+const FAR: f32 = 2.0;
+
+/// Variance that counts as none.
+const NO_NOISE: f32 = 1e-6;
 
 /// One half of the passes at a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Input {
-    /// Radiance over albedo.
+    /// Radiance over albedo, of a mean between 0.5 and 10 or so.
     pub(super) value: [f32; 3],
     /// Features less their precise values have a scale of about 1.
     pub(super) features: [f32; FEATURES],
@@ -97,10 +103,6 @@ pub(super) fn smooth(
     let halves = halves.map(planes);
     let variance = Planes::new(size, |i| if sounds[i] { variance[i] } else { [0.0; 3] });
     let precise = Planes::new(size, |i| if sounds[i] { precise[i] } else { [0.0; FEATURES] });
-    // Noise below this share of the picture's mean square is none.
-    let sum: f64 = (0..3 * halves[0].value.size).map(|i| f64::from(halves[0].value.data[i]).powi(2)).sum();
-    let floor = (1e-6 * sum / (3 * halves[0].value.size) as f64) as f32 + f32::MIN_POSITIVE;
-
     let tiles_x = width.div_ceil(TILE[0]);
     let tiles = tiles_x * height.div_ceil(TILE[1]);
     let smoothed: Vec<[Tile; 2]> = (0..tiles)
@@ -109,7 +111,7 @@ pub(super) fn smooth(
             let corner = [(tile % tiles_x) * TILE[0], (tile / tiles_x) * TILE[1]];
             [0, 1].map(|h| {
                 let (own, other) = (&halves[h], &halves[1 - h]);
-                smooth_tile(corner, size, own, &other.value, &variance, &precise, floor)
+                smooth_tile(corner, size, own, &other.value, &variance, &precise)
             })
         })
         .collect();
@@ -132,7 +134,6 @@ fn smooth_tile(
     guide: &Planes,
     variance: &Planes,
     precise: &Planes,
-    floor: f32,
 ) -> Tile {
     const N: usize = TILE[0];
     const WIDE: usize = N + 2;
@@ -152,7 +153,7 @@ fn smooth_tile(
                     let u: &[f32; WIDE] = variance.row(channel, x0 - 1 + dx, y + dy);
                     for i in 0..WIDE {
                         let d = g[i] - h[i];
-                        row[i] += (d * d - (v[i] + v[i].min(u[i]))) / (floor + v[i] + u[i]);
+                        row[i] += (d * d - (v[i] + v[i].min(u[i]))) / (NO_NOISE + v[i] + u[i]);
                     }
                 }
             }
@@ -184,7 +185,7 @@ fn smooth_tile(
                     let q: &[f32; N] = own.features.row(f, x0 + dx, y + dy);
                     let p: &[f32; N] = precise.row(f, x0, y);
                     for i in 0..N {
-                        x[2 + f][i] = q[i] - p[i];
+                        x[2 + f][i] = (q[i] - p[i]).clamp(-FAR, FAR);
                     }
                 }
                 let values: [&[f32; N]; 3] =
@@ -212,32 +213,22 @@ fn smooth_tile(
 
 /// The constant of the regression: by Cholesky decomposition, where the last unknown is known first.
 fn constant(sums: &[f32; ENTRIES]) -> [f32; 3] {
-    let mut l = [[0.0f32; K]; K];
-    let mut z = [[0.0f32; 3]; K];
-    // The constant's own entry is the sum of weights.
-    let total = sums[ENTRIES - 4];
-    let mut at = 0;
+    // In f64: the constant's pivot is a small difference where one pixel is all there is.
+    let mut l = [[0.0f64; K]; K];
+    let mut z = [[0.0f64; 3]; K];
+    let mut sums = sums.iter().map(|&sum| f64::from(sum));
+    let mut next = || sums.next().unwrap_or(0.0);
     for k in 0..K {
         for j in 0..=k {
-            let mut s = sums[at];
-            at += 1;
-            if j == k && k + 1 < K {
-                s += RIDGE * total;
-            }
-            for i in 0..j {
-                s -= l[k][i] * l[j][i];
-            }
-            l[k][j] = if j == k { s.max(1e-6 * total).sqrt() } else { s / l[j][j] };
+            let ridge = if j == k && k + 1 < K { RIDGE } else { 0.0 };
+            let s = next() + ridge - l[k][..j].iter().zip(&l[j]).map(|(a, b)| a * b).sum::<f64>();
+            l[k][j] = if j == k { s.max(1e-9).sqrt() } else { s / l[j][j] };
         }
-        for channel in 0..3 {
-            let mut s = sums[at];
-            at += 1;
-            for i in 0..k {
-                s -= l[k][i] * z[i][channel];
-            }
-            z[k][channel] = s / l[k][k];
+        let (known, rest) = z.split_at_mut(k);
+        for (channel, z) in rest[0].iter_mut().enumerate() {
+            let s = next() - known.iter().zip(&l[k]).map(|(z, l)| z[channel] * l).sum::<f64>();
+            *z = s / l[k][k];
         }
     }
-    let scale = 1.0 / l[K - 1][K - 1];
-    z[K - 1].map(|z| if total > 0.0 { (z * scale).max(0.0) } else { 0.0 })
+    z[K - 1].map(|z| (z / l[K - 1][K - 1]).max(0.0) as f32)
 }

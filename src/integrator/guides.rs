@@ -13,8 +13,11 @@ use rayon::prelude::*;
 const FEW: u64 = 8;
 /// Camera samples of a pixel that these leave in doubt.
 const MANY: u64 = 64;
-/// A variance of the mean, relative to its square as in `relmse`, that leaves a pixel in doubt.
-const DOUBT: f32 = 2e-5;
+/// A variance of the mean, relative to its square, that leaves a pixel in doubt.
+const DOUBT: f32 = 1e-3;
+
+/// Keeps 0/0 from being no number.
+const TINY: Rgb = Rgb::splat(f32::MIN_POSITIVE);
 
 /// Adds what `s` shows with `weight` at the end of a camera ray.
 pub(super) fn add_surface(features: &mut Features, weight: Rgb, s: &Surface, scene: &Scene) {
@@ -96,16 +99,16 @@ impl Doubt {
             let sum: Vec3 = samples.iter().map(|s| (of(s) - mean) * (of(s) - mean)).sum();
             sum * (scale * scale)
         };
-        let relative = (variance(|s| s.1, emitted) / (emitted * emitted + 0.01)).max_element();
+        let relative = (variance(|s| s.1, emitted) / (emitted * emitted).max(TINY)).max_element();
         let features = variance(|s| s.0.normal, normal)
             .max_element()
             .max((variance(|s| s.0.albedo, albedo) / (albedo * albedo + 0.01)).max_element());
-        Doubt { emitted, normal, albedo, is_doubtful: relative > DOUBT || features > 1e-3 }
+        Doubt { emitted, normal, albedo, is_doubtful: relative > DOUBT || features > DOUBT }
     }
 
     /// Whether an edge runs between two pixels that share one.
     fn differs(&self, other: &Doubt) -> bool {
-        let relative = |a: Rgb, b: Rgb| ((a - b).abs() / (a.abs() + b.abs() + 0.1)).max_element();
+        let relative = |a: Rgb, b: Rgb| ((a - b).abs() / (a.abs() + b.abs()).max(TINY)).max_element();
         relative(self.emitted, other.emitted) > 0.3
             || relative(self.albedo, other.albedo) > 0.3
             || self.normal.distance_squared(other.normal) > 0.25

@@ -179,8 +179,11 @@ impl State {
             let start = Instant::now();
             let (guides, rays) = guides::guides(scene, &options.params, options.seed);
             state.film.set_guides(guides);
-            state.statistics.rays += rays;
-            state.statistics.seconds.eye += start.elapsed().as_secs_f64();
+            // Every part needs them, but together they are one render.
+            if first == 0 {
+                state.statistics.rays += rays;
+                state.statistics.seconds.eye += start.elapsed().as_secs_f64();
+            }
         }
         Ok(state)
     }
