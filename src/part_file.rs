@@ -7,7 +7,7 @@
 //! | 4 | length of the header |
 //! | … | the [`Header`] as JSON |
 //! | 16 | XXH3-128 of all before |
-//! | … | the film's sums ([`crate::film::Film::contents`]) |
+//! | … | the film's sums, and what guides it ([`crate::film::Film::contents`]) |
 //! | 16 | XXH3-128 of all before |
 //!
 //! Numbers are little-endian.
@@ -28,7 +28,7 @@ use xxhash_rust::xxh3::Xxh3;
 const MAGIC: [u8; 8] = *b"CAUSPART";
 
 /// Goes up whenever the sums or the header change their meaning.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// Generous: a header has about 1 KiB.
 const MAX_HEADER: u32 = 1 << 20;
@@ -150,7 +150,7 @@ impl Header {
 /// # Errors
 /// [`Error::Runtime`] if it cannot be written.
 pub fn write(path: &Path, identity: &Identity, scene: &str, state: &State) -> Result<()> {
-    let (passes, sums) = state.film().contents();
+    let (passes, eights, fours) = state.film().contents();
     let header = Header {
         identity: identity.clone(),
         scene: scene.into(),
@@ -171,13 +171,15 @@ pub fn write(path: &Path, identity: &Identity, scene: &str, state: &State) -> Re
         put(&(json.len() as u32).to_le_bytes(), &mut hasher)?;
         put(&json, &mut hasher)?;
         put(&hasher.digest128().to_le_bytes(), &mut hasher)?;
-        if cfg!(target_endian = "little") {
-            put(sums, &mut hasher)?;
-        } else {
-            for sums in sums.chunks(1 << 16) {
-                let mut sums = sums.to_vec();
-                swap_if_big_endian(&mut sums);
-                put(&sums, &mut hasher)?;
+        for (bytes, width) in [(eights[0], 8), (eights[1], 8), (fours, 4)] {
+            if cfg!(target_endian = "little") {
+                put(bytes, &mut hasher)?;
+            } else {
+                for bytes in bytes.chunks(1 << 16) {
+                    let mut bytes = bytes.to_vec();
+                    swap_if_big_endian(&mut bytes, width);
+                    put(&bytes, &mut hasher)?;
+                }
             }
         }
         put(&hasher.digest128().to_le_bytes(), &mut hasher)
@@ -202,19 +204,21 @@ pub fn read(path: &Path) -> Result<(Header, State)> {
         // Of the length checked against the file's, so this is no more memory than there are bytes to fill it.
         let mut state = State::empty(header.layout, header.first);
         state.statistics = header.statistics.clone();
-        let (passes, sums) = state.film_mut().contents_mut();
+        let (passes, [sums, features], guides) = state.film_mut().contents_mut();
         *passes = header.passes;
-        reader.fill(sums)?;
-        swap_if_big_endian(sums);
+        for (bytes, width) in [(sums, 8), (features, 8), (guides, 4)] {
+            reader.fill(bytes)?;
+            swap_if_big_endian(bytes, width);
+        }
         reader.check_sum()?;
         Ok((header, state))
     })
 }
 
-/// The sums are eight-byte numbers.
-fn swap_if_big_endian(sums: &mut [u8]) {
+/// Of numbers so many bytes wide.
+fn swap_if_big_endian(bytes: &mut [u8], width: usize) {
     if cfg!(target_endian = "big") {
-        sums.chunks_exact_mut(8).for_each(<[u8]>::reverse);
+        bytes.chunks_exact_mut(width).for_each(<[u8]>::reverse);
     }
 }
 

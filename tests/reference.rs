@@ -10,12 +10,12 @@ use common::{assert_close, backends, load, mean, own_scene, render, shared};
 
 /// Scene; relmse that 16 passes must reach, about twice what they do; relmse that 256 passes must reach.
 const SCENES: [(&str, f64, f64); 6] = [
-    ("cornell-diffuse", 6e-3, 4e-4),
-    ("cornell-spheres", 8e-3, 6e-4),
-    ("ring", 1.4e-3, 6e-4),
-    ("glossy-caustic", 2.5e-2, 3e-3),
-    ("env-caustic", 1.5e-2, 1e-3),
-    ("pool", 5e-3, 1.1e-3),
+    ("cornell-diffuse", 1.1e-3, 4e-4),
+    ("cornell-spheres", 1.6e-3, 6e-4),
+    ("ring", 1.2e-3, 6e-4),
+    ("glossy-caustic", 1.4e-2, 3e-3),
+    ("env-caustic", 4e-3, 1e-3),
+    ("pool", 2e-3, 1.1e-3),
 ];
 
 /// Renders a scene and compares it; means may differ by `bias` in each channel. `None` where there is no reference.
@@ -35,7 +35,9 @@ fn check(name: &str, backend: Backend, kind: Kind, passes: u32, relmse: f64, bia
 fn a_few_passes_come_near() {
     for (name, relmse, _) in SCENES {
         for backend in backends() {
-            check(name, backend, Kind::Photonmap, 16, relmse, 0.02);
+            // A few glints are 2 % of all light on the glossy floor.
+            let bias = if name == "glossy-caustic" { 0.03 } else { 0.02 };
+            check(name, backend, Kind::Photonmap, 16, relmse, bias);
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Integrators: a render is a sum of independent passes, and pass i depends only on (scene, seed, i).
 
 mod direct;
+mod guides;
 mod params;
 mod parts;
 mod path;
@@ -12,6 +13,7 @@ pub use params::{DirectLight, Params};
 pub use parts::Parts;
 pub use state::{Layout, PhotonCounts, Progress, Rendering, Seconds, Skipped, State, Statistics};
 
+use crate::film::Features;
 use crate::math::{Ray, Rgb};
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
@@ -99,10 +101,14 @@ struct Seen {
     depth: f32,
     /// Photons per area, in the maps of the pass.
     density: f32,
+    /// What of the sample's radiance lights send to the camera themselves, but for what only chance would find.
+    emitted: Rgb,
+    /// What it sees first through whatever is sharp.
+    features: Features,
 }
 
 impl Seen {
-    fn new(s: &Surface, ray: &Ray) -> Seen {
-        Seen { albedo: s.bsdf.albedo(), normal: s.frame.n, depth: (s.p - ray.o).length(), density: 0.0 }
+    fn with_first(&self, s: &Surface, ray: &Ray) -> Seen {
+        Seen { albedo: s.bsdf.albedo(), normal: s.frame.n, depth: (s.p - ray.o).length(), ..*self }
     }
 }

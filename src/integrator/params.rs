@@ -34,6 +34,8 @@ pub struct Params {
     /// `final_gather`: also gather indirect light over the global map, and show that where the map shown directly is biased
     /// (default); or show the map alone.
     pub final_gather: bool,
+    /// `regression`: pixels learn from neighbours that noise cannot tell apart from them (true).
+    pub regression: bool,
     /// `direct`: direct light is taken by `sample` (default), from the `map`, or is `off`.
     pub direct: DirectLight,
     /// `alpha`: how fast the lookup radius shrinks from pass to pass, in (0, 1] where 1 keeps it (2/3).
@@ -60,6 +62,7 @@ impl Default for Params {
             caustic_radius: 0.05,
             kernel: Kernel::Epanechnikov,
             final_gather: true,
+            regression: true,
             direct: DirectLight::Sample,
             alpha: 2.0 / 3.0,
             max_depth: -1,
@@ -115,6 +118,7 @@ impl Params {
                 }
             }
             "final_gather" => self.final_gather = boolean(name, value)?,
+            "regression" => self.regression = boolean(name, value)?,
             "direct" => {
                 self.direct = match value.trim() {
                     "sample" => DirectLight::Sample,
@@ -140,7 +144,7 @@ impl Params {
             _ => {
                 return Err(Error::Usage(format!(
                     "unknown parameter '{name}': known are global_photons, caustic_photons, global_k, caustic_k, \
-                     global_radius, caustic_radius, kernel, final_gather, direct, alpha, max_depth, rr_depth, hide_emitters"
+                     global_radius, caustic_radius, kernel, final_gather, regression, direct, alpha, max_depth, rr_depth, hide_emitters"
                 )));
             }
         }
@@ -158,6 +162,7 @@ impl Params {
             caustic_radius,
             kernel,
             final_gather,
+            regression,
             direct,
             alpha,
             max_depth,
@@ -174,6 +179,7 @@ impl Params {
             ("caustic_radius", caustic_radius.to_string()),
             ("kernel", format!("{kernel:?}").to_lowercase()),
             ("final_gather", final_gather.to_string()),
+            ("regression", regression.to_string()),
             ("direct", format!("{direct:?}").to_lowercase()),
             ("alpha", alpha.to_string()),
             ("max_depth", max_depth.to_string()),
@@ -204,6 +210,7 @@ mod tests {
             caustic_radius: 1e-30,
             kernel: Kernel::Biweight,
             final_gather: false,
+            regression: false,
             direct: DirectLight::Off,
             alpha: 1.0 / 3.0,
             max_depth: 7,

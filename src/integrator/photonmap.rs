@@ -2,7 +2,7 @@
 
 use super::direct::{self, Previous};
 use super::plan::Plan;
-use super::{DirectLight, Params, Parts, Seen};
+use super::{DirectLight, Params, Parts, Seen, guides};
 use crate::bsdf::{BsdfSample, Mode, Share};
 use crate::math::{Ray, Rgb, Sampler, luminance};
 use crate::photon::kdtree::KnnHeap;
@@ -128,6 +128,8 @@ struct Walk {
     through_sharp: bool,
     /// Whether the path has only passed what does not bend it.
     straight: bool,
+    /// Whether a surface that scatters broadly has been seen.
+    known: bool,
     /// Product of the relative indices of refraction.
     eta: f32,
     previous: Previous,
@@ -168,31 +170,45 @@ impl Eye<'_> {
             gathering: false,
             through_sharp: false,
             straight: true,
+            known: false,
             eta: 1.0,
             previous: Previous { p: ray.o, pdf_w: None },
         });
-        while let Some(walk) = next.or_else(|| pending.take()) {
+        while let Some(mut walk) = next.or_else(|| pending.take()) {
             *rays += 1;
             let hit = match walk.depth {
                 1 => direct::first_hit(self.scene, self.params, walk.ray, rays),
                 _ => self.scene.hit(&walk.ray),
             };
             let Some(s) = hit else {
+                if !walk.known {
+                    guides::add_background(&mut seen.features, walk.beta, &walk.ray, self.scene);
+                }
                 if !(walk.straight && self.params.hide_emitters) {
                     let light = direct::background(self.scene, &walk.ray, &walk.previous);
                     sum.iter_mut().for_each(|sum| *(walk.emitted_part)(sum) += walk.beta_emitted * light);
+                    if walk.previous.pdf_w.is_none() {
+                        seen.emitted += walk.beta_emitted * light;
+                    }
                 }
                 next = None;
                 continue;
             };
             if walk.depth == 1 {
-                *seen = Seen::new(&s, &walk.ray);
+                *seen = seen.with_first(&s, &walk.ray);
                 if self.density {
                     seen.density = self.maps.density(&s, scratch);
                 }
             }
             let emitted = direct::emitted(self.scene, &s, &walk.ray, &walk.previous);
             sum.iter_mut().for_each(|sum| *(walk.emitted_part)(sum) += walk.beta_emitted * emitted);
+            if walk.previous.pdf_w.is_none() {
+                seen.emitted += walk.beta_emitted * emitted;
+            }
+            if !walk.known && (s.bsdf.has_smooth() || s.light.is_some()) {
+                walk.known = true;
+                guides::add_surface(&mut seen.features, walk.beta, &s, self.scene);
+            }
             if walk.depth >= self.params.max_segments() || walk.beta == Rgb::ZERO {
                 next = None;
                 continue;

@@ -3,7 +3,7 @@
 
 use super::photonmap::{Eye, Maps, Scratch};
 use super::plan::Plan;
-use super::{Budget, Kind, Options, Seen, path};
+use super::{Budget, Kind, Options, Seen, guides, path};
 use crate::film::{self, Film, RelativeError, Values};
 use crate::image_io::{Channels, Image, Layer};
 use crate::math::{Rgb, Sampler, Stream};
@@ -12,7 +12,7 @@ use crate::{Error, Result};
 use glam::Vec2;
 use serde::{Deserialize, Serialize};
 use std::ops::{AddAssign, ControlFlow, Range};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// A stage that the scene does not need.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -109,6 +109,8 @@ pub struct Layout {
     pub fine: bool,
     /// Whether there are layers for [`Options::aovs`].
     pub aovs: bool,
+    /// Whether pixels learn from their neighbours.
+    pub guided: bool,
 }
 
 impl Layout {
@@ -119,7 +121,12 @@ impl Layout {
 
     fn of(scene: &Scene, options: &Options, plan: &Plan) -> Layout {
         let (_, _, width, height) = scene.film.crop;
-        Layout { size: (width, height), fine: plan.has_photons(), aovs: options.aovs }
+        Layout {
+            size: (width, height),
+            fine: plan.has_photons(),
+            aovs: options.aovs,
+            guided: options.integrator == Kind::Photonmap && options.params.regression,
+        }
     }
 
     fn layers(self) -> usize {
@@ -128,7 +135,7 @@ impl Layout {
 
     /// How many bytes the sums take.
     pub fn bytes(self) -> u64 {
-        Film::contents_size(self.size, self.fine, self.layers())
+        Film::contents_size(self.size, self.fine, self.layers(), self.guided)
     }
 }
 
@@ -168,12 +175,22 @@ impl State {
         let plan = Plan::new(scene, options);
         let mut state = State::empty(Layout::of(scene, options, &plan), first);
         state.statistics.skipped = plan.skipped;
+        if state.layout.guided {
+            let start = Instant::now();
+            let (guides, rays) = guides::guides(scene, &options.params, options.seed);
+            state.film.set_guides(guides);
+            // Every part needs them, but together they are one render.
+            if first == 0 {
+                state.statistics.rays += rays;
+                state.statistics.seconds.eye += start.elapsed().as_secs_f64();
+            }
+        }
         Ok(state)
     }
 
     /// A state without passes, to put back into it what was kept of another by [`State::film`].
     pub fn empty(layout: Layout, first: u32) -> State {
-        let film = Film::new(layout.size, layout.fine, layout.layers());
+        let film = Film::new(layout.size, layout.fine, layout.layers(), layout.guided);
         State { first, film, layout, statistics: Statistics::default() }
     }
 
@@ -208,15 +225,15 @@ impl State {
         let earlier = self.statistics.seconds.rendering;
         let start = Instant::now();
         plan.learn(scene, &options.params);
-        // The estimate costs more than a small pass: it is made at passes whose numbers grow geometrically.
-        let (growth, mut next_estimate) = match options.budget {
-            Budget::Error(_) => (1.1, MIN_PASSES),
-            _ => (2.0, 2),
-        };
+        // The estimate costs more than a small pass. Where it decides, it is made at passes whose numbers grow
+        // geometrically; else it is for looking at, and takes a small share of the time.
+        let decides = matches!(options.budget, Budget::Error(_));
+        let mut next_estimate = if decides { MIN_PASSES } else { u32::MAX };
+        let mut next_look = start + FIRST_LOOK;
         let mut passes = self.film.passes();
-        let after = |passes: u32| passes.saturating_add(1).max((passes as f64 * growth) as u32);
+        let after = |passes: u32| passes.saturating_add(1).max((passes as f64 * 1.2) as u32);
         // A render that is taken up again makes its estimates where it would have made them without the break.
-        while next_estimate < passes {
+        while decides && next_estimate < passes {
             next_estimate = after(next_estimate);
         }
         let mut error = None;
@@ -241,6 +258,10 @@ impl State {
             if passes >= next_estimate {
                 error = Some(self.film.resolve().error);
                 next_estimate = after(passes);
+            } else if !decides && passes > 1 && Instant::now() > next_look {
+                let look = Instant::now();
+                error = Some(self.film.resolve().error);
+                next_look = Instant::now() + look.elapsed() * LOOK_EVERY + FIRST_LOOK;
             }
             let seconds = start.elapsed().as_secs_f64();
             self.statistics.seconds.rendering = earlier + seconds;
@@ -279,7 +300,7 @@ impl State {
             let mut add = |name: &str, image, channels| {
                 layers.push(Layer { name: name.into(), image, channels });
             };
-            add("direct", film.layer(layer::DIRECT), Channels::Rgb);
+            add("direct", mixed([layer::DIRECT; 2]), Channels::Rgb);
             add("specular", mixed(layer::SPECULAR), Channels::Rgb);
             add("caustic", mixed(layer::CAUSTIC), Channels::Rgb);
             add("indirect", mixed(layer::INDIRECT), Channels::Rgb);
@@ -328,8 +349,11 @@ impl State {
                 None => [path::radiance(scene, params, ray, &mut sampler, &mut seen, rays); 2],
             };
             for (value, parts) in out.picture.iter_mut().zip(&shown) {
-                *value = parts.sum();
+                // Lights seen directly add nothing else, so rounding of the difference goes with a bright pixel.
+                *value = parts.sum() - seen.emitted;
             }
+            out.emitted = seen.emitted;
+            out.features = seen.features;
             if options.aovs {
                 out.layers[layer::DIRECT] = shown[0].direct;
                 for (level, parts) in shown.iter().enumerate() {
@@ -351,6 +375,12 @@ impl State {
         stats.seconds.eye += start.elapsed().as_secs_f64();
     }
 }
+
+/// When the error is estimated first where nothing depends on it.
+const FIRST_LOOK: Duration = Duration::from_secs(2);
+
+/// Such estimates take one part of so many of the time, at most.
+const LOOK_EVERY: u32 = 30;
 
 /// An estimated error says little before.
 const MIN_PASSES: u32 = 4;

@@ -12,8 +12,10 @@ pub enum Stream {
     GlobalPhotons = 2,
     /// Photon paths of the caustic map.
     CausticPhotons = 3,
+    /// Camera rays before the first pass; `set` is the pixel, `index` the sample.
+    Guides = 4,
     /// Photons that are sent ahead to learn where caustics come from.
-    Pilots = 16,
+    Pilots = 5,
 }
 
 /// One point of a low-discrepancy set, read dimension by dimension.

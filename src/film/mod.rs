@@ -1,9 +1,11 @@
 //! The film: size, reconstruction filter, and the sums of passes.
 
+mod regression;
+
 use crate::image_io::Image;
 use crate::math::Rgb;
 use bytemuck::{Pod, Zeroable};
-use glam::{DVec3, Vec2};
+use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Reconstruction filters. Each pixel importance-samples the filter around its own centre, so passes need no
@@ -124,6 +126,87 @@ impl Sum {
     }
 }
 
+/// What a camera sample sees first, through whatever is sharp: what neighbouring pixels are compared by.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Features {
+    /// Share of light that is scattered.
+    pub albedo: Rgb,
+    /// Shading normal.
+    pub normal: Vec3,
+    /// Position relative to the scene's bounding sphere.
+    pub position: Vec3,
+}
+
+impl Features {
+    fn to_array(self) -> [f32; 9] {
+        let [a, n, p] = [self.albedo, self.normal, self.position].map(|v| v.to_array());
+        [a[0], a[1], a[2], n[0], n[1], n[2], p[0], p[1], p[2]]
+    }
+}
+
+/// Sums of [`Features`] in fixed point, so that their order does not show.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+struct FeatureSums([i64; 9]);
+
+impl FeatureSums {
+    /// More than the rounding of what is added.
+    const SCALE: f64 = (1 << 24) as f64;
+
+    fn add(&mut self, features: &Features) {
+        for (sum, value) in self.0.iter_mut().zip(features.to_array()) {
+            // A cast of NaN is zero. The limit keeps any number of passes from overflowing.
+            let fixed = (f64::from(value.clamp(-16.0, 16.0)) * Self::SCALE).round() as i64;
+            *sum = sum.wrapping_add(fixed);
+        }
+    }
+
+    fn merge(&mut self, other: &FeatureSums) {
+        self.0.iter_mut().zip(other.0).for_each(|(sum, other)| *sum = sum.wrapping_add(other));
+    }
+
+    fn values(&self) -> [f64; 9] {
+        self.0.map(|sum| sum as f64 / Self::SCALE)
+    }
+}
+
+/// What is known of a pixel before any pass: means over some camera samples of its own.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Guide {
+    features: [f32; 9],
+    emitted: [f32; 3],
+    /// How many samples the features are from.
+    count: f32,
+    /// How many samples the emitted light is from, which must not have had a say in their number.
+    emitted_count: f32,
+}
+
+impl Guide {
+    /// From the features and emitted light ([`Values::emitted`]) of each sample.
+    pub fn new(samples: impl Iterator<Item = (Features, Rgb)>) -> Guide {
+        let features = Guide::without_emitted(samples);
+        Guide { emitted_count: features.count, ..features }
+    }
+
+    /// The same where the light they found has decided that there are no more: it would be off in the mean.
+    pub fn without_emitted(samples: impl Iterator<Item = (Features, Rgb)>) -> Guide {
+        let (mut features, mut emitted, mut count) = ([0.0f64; 9], DVec3::ZERO, 0.0);
+        for (f, e) in samples {
+            features.iter_mut().zip(f.to_array()).for_each(|(sum, f)| *sum += f64::from(f));
+            emitted += e.as_dvec3();
+            count += 1.0;
+        }
+        let scale = if count > 0.0 { 1.0 / count } else { 0.0 };
+        Guide {
+            features: features.map(|f| (f * scale) as f32),
+            emitted: (emitted * scale).as_vec3().to_array(),
+            count: count as f32,
+            emitted_count: 0.0,
+        }
+    }
+}
+
 /// Sums of independent passes, per pixel.
 ///
 /// The picture is kept twice over. Passes of even and of odd number go to two *halves*, which share no random numbers:
@@ -140,8 +223,11 @@ pub struct Film {
     layers: usize,
     /// Passes in each half.
     passes: [u32; 2],
-    /// `stride` sums for each pixel: half 0 (wide, fine), half 1 (wide, fine), the layers.
+    /// `stride` sums for each pixel: half 0 (wide, fine, emitted light), half 1 (the same), the layers.
     sums: Vec<Sum>,
+    /// Features for each pixel in each half; nothing if the film has no guides.
+    features: Vec<[FeatureSums; 2]>,
+    guides: Vec<Guide>,
 }
 
 /// The half that a pass belongs to, 0 or 1. Passes are stratified against the others of their half only: halves share
@@ -153,8 +239,12 @@ pub fn half(pass: u32) -> u32 {
 /// What a pass shows at a pixel.
 #[derive(Clone, Debug)]
 pub struct Values {
-    /// The picture, and the fine one if the film has it.
+    /// The picture but for `emitted`, and the fine one if the film has it.
     pub picture: Vec<Rgb>,
+    /// What the camera sees of lights themselves, also in mirrors and through glass. It has the noise of edges only.
+    pub emitted: Rgb,
+    /// What the camera sees, if the film has guides.
+    pub features: Features,
     /// The layers.
     pub layers: Vec<Rgb>,
 }
@@ -172,6 +262,8 @@ pub struct Resolved {
     pub error: RelativeError,
     /// For each pixel the share of the fine level.
     fine: Vec<f32>,
+    /// For each pixel the picture over the mean of its passes, mixed so.
+    gain: Vec<Vec3>,
 }
 
 /// Estimated error of a picture: square roots of mean squares relative to the picture's values, as in `relmse`.
@@ -190,6 +282,20 @@ impl RelativeError {
     }
 }
 
+/// A pixel's mean over all passes, and the half difference of the halves' means, scaled so that its square is the variance
+/// of the mean.
+#[derive(Clone, Copy, Debug)]
+struct Estimate {
+    value: DVec3,
+    noise: DVec3,
+}
+
+impl Estimate {
+    fn plus(&self, other: &Estimate, share: f64) -> Estimate {
+        Estimate { value: self.value + other.value * share, noise: self.noise + other.noise * share }
+    }
+}
+
 /// Half the width of the windows that statistics are smoothed over, in pixels.
 const WINDOW: usize = 2;
 
@@ -200,29 +306,54 @@ const SIGNIFICANT: f64 = 2.0;
 /// What is added to squares before they divide, as in `relmse`.
 const FLOOR: f64 = 0.01;
 
+/// What is added to an albedo before it divides.
+const DARK: f64 = 0.02;
+
 /// Relative error of a sample's f32 arithmetic: no pixel is known better.
 const ROUNDING: f64 = 1.0 / 65536.0;
 
 impl Film {
     /// An empty film of so many columns and rows. With `fine`, passes bring the picture at two levels. `layers` is the
-    /// number of further values per pixel.
-    pub fn new(size: (u32, u32), fine: bool, layers: usize) -> Film {
+    /// number of further values per pixel. With `guided`, pixels learn from their neighbours, see [`Film::set_guides`].
+    pub fn new(size: (u32, u32), fine: bool, layers: usize, guided: bool) -> Film {
         let (width, height) = (size.0 as usize, size.1 as usize);
         let levels = if fine { 2 } else { 1 };
-        let mut film = Film { width, height, levels, layers, passes: [0; 2], sums: Vec::new() };
+        let guides = if guided { width * height } else { 0 };
+        let mut film = Film {
+            width,
+            height,
+            levels,
+            layers,
+            passes: [0; 2],
+            sums: Vec::new(),
+            features: vec![Default::default(); guides],
+            guides: vec![Guide::default(); guides],
+        };
         film.sums = vec![Sum::default(); width * height * film.stride()];
         film
     }
 
+    /// What is known of each pixel of a guided film beforehand, row by row. The same for all films that are to be merged.
+    pub fn set_guides(&mut self, guides: Vec<Guide>) {
+        assert_eq!(self.guides.len(), guides.len(), "one guide for each pixel");
+        self.guides = guides;
+    }
+
     /// How many bytes [`Film::contents`] of such a film are.
-    pub fn contents_size(size: (u32, u32), fine: bool, layers: usize) -> u64 {
-        let sums = 2 * (1 + u64::from(fine)) + layers as u64;
+    pub fn contents_size(size: (u32, u32), fine: bool, layers: usize, guided: bool) -> u64 {
+        let sums = 2 * (2 + u64::from(fine)) + layers as u64;
+        let guides = if guided { size_of::<[FeatureSums; 2]>() + size_of::<Guide>() } else { 0 };
         let pixels = u64::from(size.0) * u64::from(size.1);
-        pixels.saturating_mul(sums * size_of::<Sum>() as u64)
+        pixels.saturating_mul(sums * size_of::<Sum>() as u64 + guides as u64)
+    }
+
+    /// Sums of a half: its levels, and emitted light.
+    fn block(&self) -> usize {
+        self.levels + 1
     }
 
     fn stride(&self) -> usize {
-        2 * self.levels + self.layers
+        2 * self.block() + self.layers
     }
 
     /// Adds pass number `pass`. `pixel` fills in what it shows at a column and row, in parallel. `row` makes what
@@ -233,17 +364,31 @@ impl Film {
         row: impl Fn() -> S + Sync,
         pixel: impl Fn(usize, usize, &mut S, &mut Values) + Sync,
     ) -> Vec<S> {
-        let (levels, layers, stride) = (self.levels, self.layers, self.stride());
+        let (levels, layers, stride, block) = (self.levels, self.layers, self.stride(), self.block());
         let half = half(pass) as usize;
         self.passes[half] += 1;
-        let rows = self.sums.par_chunks_mut(self.width * stride).enumerate().map(|(y, sums)| {
+        let mut features: Vec<&mut [[FeatureSums; 2]]> = match self.features.is_empty() {
+            true => (0..self.height).map(|_| Default::default()).collect(),
+            false => self.features.chunks_exact_mut(self.width).collect(),
+        };
+        let rows = self.sums.par_chunks_mut(self.width * stride).zip(features.par_iter_mut()).enumerate();
+        let rows = rows.map(|(y, (sums, features))| {
             let mut scratch = row();
-            let mut values = Values { picture: vec![Rgb::ZERO; levels], layers: vec![Rgb::ZERO; layers] };
+            let mut values = Values {
+                picture: vec![Rgb::ZERO; levels],
+                emitted: Rgb::ZERO,
+                features: Features::default(),
+                layers: vec![Rgb::ZERO; layers],
+            };
             for (x, sums) in sums.chunks_exact_mut(stride).enumerate() {
                 pixel(x, y, &mut scratch, &mut values);
-                let (halves, layers) = sums.split_at_mut(2 * levels);
-                let picture = halves[half * levels..].iter_mut().zip(&values.picture);
+                let (halves, layers) = sums.split_at_mut(2 * block);
+                let picture = values.picture.iter().chain([&values.emitted]);
+                let picture = halves[half * block..].iter_mut().zip(picture);
                 picture.chain(layers.iter_mut().zip(&values.layers)).for_each(|(sum, &v)| sum.add(v));
+                if let Some(features) = features.get_mut(x) {
+                    features[half].add(&values.features);
+                }
             }
             scratch
         });
@@ -252,17 +397,20 @@ impl Film {
 
     /// Adds light to the fine picture of a pass already added, and to `layer`.
     pub fn splat(&mut self, pass: u32, pixel: usize, value: Rgb, layer: Option<usize>) {
-        let at = pixel * self.stride();
-        self.sums[at + half(pass) as usize * self.levels + self.levels - 1].add(value);
+        let (at, block) = (pixel * self.stride(), self.block());
+        self.sums[at + half(pass) as usize * block + self.levels - 1].add(value);
         if let Some(layer) = layer {
-            self.sums[at + 2 * self.levels + layer].add(value);
+            self.sums[at + 2 * block + layer].add(value);
         }
     }
 
     /// Adds all passes of `other`, which must be of the same shape.
     pub fn merge(&mut self, other: &Film) {
         assert_eq!((self.stride(), self.sums.len()), (other.stride(), other.sums.len()), "films differ");
+        assert_eq!(self.guides.len(), other.guides.len(), "films differ");
         self.sums.iter_mut().zip(&other.sums).for_each(|(sum, &other)| sum.merge(other));
+        let features = self.features.iter_mut().flatten().zip(other.features.iter().flatten());
+        features.for_each(|(sum, other)| sum.merge(other));
         for (n, other) in self.passes.iter_mut().zip(other.passes) {
             *n += other;
         }
@@ -273,98 +421,209 @@ impl Film {
         self.passes[0] + self.passes[1]
     }
 
-    /// Everything but the shape, for keeping: passes of each half, and the sums.
-    pub fn contents(&self) -> ([u32; 2], &[u8]) {
-        (self.passes, bytemuck::cast_slice(&self.sums))
+    /// Everything but the shape, for keeping: passes of each half, and numbers of eight and of four bytes.
+    pub fn contents(&self) -> ([u32; 2], [&[u8]; 2], &[u8]) {
+        let eights = [bytemuck::cast_slice(&self.sums), bytemuck::cast_slice(&self.features)];
+        (self.passes, eights, bytemuck::cast_slice(&self.guides))
     }
 
     /// Where [`Film::contents`] of a film of the same shape are put back.
-    pub fn contents_mut(&mut self) -> (&mut [u32; 2], &mut [u8]) {
-        (&mut self.passes, bytemuck::cast_slice_mut(&mut self.sums))
+    pub fn contents_mut(&mut self) -> (&mut [u32; 2], [&mut [u8]; 2], &mut [u8]) {
+        let eights = [bytemuck::cast_slice_mut(&mut self.sums), bytemuck::cast_slice_mut(&mut self.features)];
+        (&mut self.passes, eights, bytemuck::cast_slice_mut(&mut self.guides))
     }
 
     fn pixel(&self, pixel: usize) -> &[Sum] {
         &self.sums[pixel * self.stride()..][..self.stride()]
     }
 
-    /// Means of the passes in all, and the half difference between the means of the two halves, scaled so that its
-    /// square is the variance of the mean. Both wide, and fine less wide.
-    fn levels(&self, pixel: usize) -> [(DVec3, DVec3); 2] {
+    /// The wide picture, and the fine one less the wide.
+    fn levels(&self, pixel: usize) -> [Estimate; 2] {
+        let (wide, fine) = (self.estimate(pixel, 0), self.estimate(pixel, self.levels - 1));
+        [wide, fine.plus(&wide, -1.0)]
+    }
+
+    /// Of sum number `i` of the halves.
+    fn estimate(&self, pixel: usize, i: usize) -> Estimate {
         let sums = self.pixel(pixel);
         let [n0, n1] = self.passes.map(f64::from);
         let n = (n0 + n1).max(1.0);
         let spread = if n0 > 0.0 && n1 > 0.0 { (n0 * n1).sqrt() / n } else { 0.0 };
-        let level = |l: usize| {
-            let (a, b) = (sums[l].value(), sums[self.levels + l].value());
-            ((a + b) / n, (a / n0.max(1.0) - b / n1.max(1.0)) * spread)
-        };
-        let (wide, noise) = level(0);
-        let (fine, fine_noise) = level(self.levels - 1);
-        [(wide, noise), (fine - wide, fine_noise - noise)]
+        let (a, b) = (sums[i].value(), sums[self.block() + i].value());
+        Estimate { value: (a + b) / n, noise: (a / n0.max(1.0) - b / n1.max(1.0)) * spread }
+    }
+
+    /// What the camera sees of lights themselves: mean over all passes, and the samples that were taken before.
+    fn emitted(&self, pixel: usize) -> Estimate {
+        let Estimate { value, noise } = self.estimate(pixel, self.levels);
+        let before = self.guides.get(pixel).copied().unwrap_or_default();
+        let count = f64::from(before.emitted_count);
+        let known = count / (f64::from(self.passes()) + count).max(1.0);
+        let before = Vec3::from_array(before.emitted).as_dvec3();
+        Estimate { value: value + (before - value) * known, noise: noise * (1.0 - known) }
     }
 
     /// The picture, and how far it is to be trusted.
     ///
-    /// Let F be the fine picture, free of bias for what matters, and D = F − W its difference from the wide one. The
-    /// pixel shows W + sD, with the share s that makes the expected square of its error least: 1 − s = cov(F, D) / E\[D²\].
-    /// Covariances come from the halves' difference, E\[D²\] = var D + bias², where only what clearly exceeds the noise
-    /// of D counts as bias; all are means over windows of 5×5 pixels. As passes grow in number, noise vanishes, and s
-    /// goes to 1 wherever W is biased.
+    /// Three levels are mixed in two steps: fine with wide, and what comes of it with its regression over neighbours (see
+    /// [`regression`]). As passes grow in number, noise vanishes, and the finer level is shown wherever the other is biased.
     pub fn resolve(&self) -> Resolved {
-        let blend = self.windowed(|pixel| {
-            let [(_, wide_noise), (difference, noise)] = self.levels(pixel);
-            let fine_noise = wide_noise + noise;
-            [fine_noise * noise, difference * difference, noise * noise]
-        });
+        let n = self.width * self.height;
         let halves = self.passes.iter().all(|&n| n > 0);
-        let fine: Vec<f32> = blend
-            .iter()
-            .map(|[covariance, square, variance]| {
-                let bias = (*square - *variance * SIGNIFICANT).element_sum().max(0.0);
-                let wide = covariance.element_sum() / (variance.element_sum() + bias);
-                // Not for NaN: both levels are the same.
-                if halves && wide < 1.0 { (1.0 - wide.max(0.0)) as f32 } else { 0.0 }
-            })
-            .collect();
-        let mixture = |pixel: usize| {
-            let [(wide, wide_noise), (difference, noise)] = self.levels(pixel);
-            let share = f64::from(fine[pixel]);
-            (wide + difference * share, wide_noise + noise * share)
+        let (wide, difference): (Vec<_>, Vec<_>) =
+            (0..n).into_par_iter().map(|pixel| self.levels(pixel).into()).unzip();
+        let (fine, mut biases) = self.shares(&difference, &wide);
+        let mixture = |coarse: &[Estimate], difference: &[Estimate], share: &[f32]| -> Vec<Estimate> {
+            let mixed = coarse.par_iter().zip(difference).zip(share);
+            mixed.map(|((coarse, difference), &share)| coarse.plus(difference, f64::from(share))).collect()
         };
+        let mut picture = mixture(&wide, &difference, &fine);
+        let mean: Vec<DVec3> = picture.par_iter().map(|mixed| mixed.value).collect();
+        if halves && !self.guides.is_empty() {
+            let smooth = self.smooth(&picture);
+            let difference: Vec<Estimate> =
+                picture.par_iter().zip(&smooth).map(|(mixed, smooth)| mixed.plus(smooth, -1.0)).collect();
+            let (share, more) = self.shares(&difference, &smooth);
+            picture = mixture(&smooth, &difference, &share);
+            for ((pixel, &mean), (bias, more)) in
+                picture.iter_mut().zip(&mean).zip(biases.iter_mut().zip(more))
+            {
+                *bias += more;
+                // Of what is broken, the neighbours know nothing.
+                if !mean.is_finite() {
+                    pixel.value = mean;
+                }
+            }
+        }
+        picture = picture.par_iter().enumerate().map(|(i, p)| p.plus(&self.emitted(i), 1.0)).collect();
         // Noise goes with brightness, so it is relative noise that is smoothed.
         let noise = self.windowed(|pixel| {
-            let (value, noise) = mixture(pixel);
+            let Estimate { value, noise } = picture[pixel];
             let rounding = value * ROUNDING;
             [(noise * noise + rounding * rounding) / (value * value + FLOOR), value, DVec3::ZERO]
         });
-        let n = self.width * self.height;
         let mut error = (0.0, 0.0);
-        let (mut image, mut noises, mut biases) =
+        let (mut image, mut noises, mut gain) =
             (Vec::with_capacity(n), Vec::with_capacity(n), Vec::with_capacity(n));
         for pixel in 0..n {
-            let (value, _) = mixture(pixel);
+            let value = picture[pixel].value;
             let [relative_variance, around, _] = noise[pixel];
-            let [_, square, variance] = blend[pixel];
-            let left = 1.0 - f64::from(fine[pixel]);
-            // Bias that may hide in the noise is counted rather than left out.
-            let bias = (square - variance).max(DVec3::ZERO) * (left * left);
             // A lone bright pixel must not hide its own error.
             let scale = around * around + FLOOR;
             error.0 += relative_variance.element_sum();
-            error.1 += (bias / scale).element_sum();
+            error.1 += (biases[pixel] / scale).element_sum();
             image.push(value.as_vec3());
             noises.push((relative_variance * (value * value + FLOOR)).map(f64::sqrt).as_vec3());
-            biases.push(bias.map(f64::sqrt).as_vec3());
+            let passes = mean[pixel] + self.estimate(pixel, self.levels).value;
+            gain.push((value / passes).as_vec3().map(|gain| if gain.is_finite() { gain } else { 1.0 }));
         }
         let mean = |sum: f64| if halves { (sum / (3 * n).max(1) as f64).sqrt() } else { 0.0 };
         let picture = |pixels| Image { width: self.width, height: self.height, pixels };
         Resolved {
             image: picture(image),
             noise: picture(noises),
-            bias: picture(biases),
+            bias: picture(biases.iter().map(|b| b.map(f64::sqrt).as_vec3()).collect()),
             error: RelativeError { noise: mean(error.0), bias: mean(error.1) },
             fine,
+            gain,
         }
+    }
+
+    /// For each pixel the share of `difference` to be added to `coarse`, and the square of the bias that is left.
+    ///
+    /// Let F be the finer picture, free of bias for what matters, W the coarser one, and D = F − W. The pixel shows W + sD,
+    /// with the share s that makes the expected square of its error least: 1 − s = cov(F, D) / E\[D²\]. Covariances come
+    /// from the halves' difference, E\[D²\] = var D + bias², where only what clearly exceeds the noise of D counts as bias;
+    /// all are means over windows of 5×5 pixels.
+    fn shares(&self, difference: &[Estimate], coarse: &[Estimate]) -> (Vec<f32>, Vec<DVec3>) {
+        let halves = self.passes.iter().all(|&n| n > 0);
+        let blend = self.windowed(|pixel| {
+            let Estimate { value, noise } = difference[pixel];
+            let fine_noise = coarse[pixel].noise + noise;
+            [fine_noise * noise, value * value, noise * noise]
+        });
+        let pixel = |[covariance, square, variance]: &[DVec3; 3]| {
+            let bias = (*square - *variance * SIGNIFICANT).element_sum().max(0.0);
+            let wide = covariance.element_sum() / (variance.element_sum() + bias);
+            // Not for NaN: both levels are the same.
+            let share = if halves && wide < 1.0 { 1.0 - wide.max(0.0) } else { 0.0 };
+            let left = 1.0 - share;
+            // Bias that may hide in the noise is counted rather than left out.
+            (share as f32, (*square - *variance).max(DVec3::ZERO) * (left * left))
+        };
+        blend.iter().map(pixel).unzip()
+    }
+
+    /// The regression of `picture` over neighbouring pixels.
+    fn smooth(&self, picture: &[Estimate]) -> Vec<Estimate> {
+        let n = picture.len();
+        let passes = self.passes.map(f64::from);
+        let all = passes[0] + passes[1];
+        // Means of the features: of each half, and of all samples there are.
+        let means = |pixel: usize| {
+            let halves = [0, 1].map(|h| {
+                let mean = |sum: f64| sum / passes[h];
+                self.features[pixel][h].values().map(mean)
+            });
+            let guide = &self.guides[pixel];
+            let count = f64::from(guide.count);
+            let precise: [f64; 9] = std::array::from_fn(|f| {
+                let passes = halves[0][f] * passes[0] + halves[1][f] * passes[1];
+                (passes + count * f64::from(guide.features[f])) / (all + count)
+            });
+            (halves, precise)
+        };
+        // Positions vary by this much over the picture.
+        let sums = (0..n).into_par_iter().map(|pixel| {
+            let position = DVec3::from_slice(&means(pixel).1[6..]);
+            [position, position * position]
+        });
+        // In order, so that the sums do not depend on the threads.
+        let [sum, squares] =
+            sums.collect::<Vec<_>>().into_iter().fold([DVec3::ZERO; 2], |[a, b], [c, d]| [a + c, b + d]);
+        let (sum, squares) = (sum / n as f64, squares / n as f64);
+        let spread = (squares - sum * sum).max_element().max(0.0).sqrt();
+        let features = |f: &[f64; 9]| -> [f32; regression::FEATURES] {
+            let scale = |i: usize| if i < 3 { 1.0 / 0.3 } else { 1.0 / (0.6 * spread + 1e-6) };
+            std::array::from_fn(|i| (f[3 + i] * scale(i)) as f32)
+        };
+        let albedo = |f: &[f64; 9]| DVec3::new(f[0], f[1], f[2]).max(DVec3::ZERO) + DARK;
+        let apart = [(passes[1] / passes[0]).sqrt(), -(passes[0] / passes[1]).sqrt()];
+        // A power of two, so that brightness is a mere factor.
+        let sum: f64 = picture.iter().map(|p| p.value.abs().element_sum()).filter(|v| v.is_finite()).sum();
+        let unit = if sum > 0.0 { (sum / (3 * n) as f64).log2().floor().exp2() } else { 1.0 };
+        let input = |h: usize, pixel: usize| {
+            let (halves, _) = means(pixel);
+            let value = picture[pixel].value + picture[pixel].noise * apart[h];
+            regression::Input {
+                value: (value / (albedo(&halves[h]) * unit)).as_vec3().to_array(),
+                features: features(&halves[h]),
+            }
+        };
+        let halves: [Vec<regression::Input>; 2] =
+            [0, 1].map(|h| (0..n).into_par_iter().map(|pixel| input(h, pixel)).collect());
+        let variance: Vec<[f32; 3]> = self
+            .windowed(|pixel| {
+                let difference =
+                    Vec3::from_array(halves[0][pixel].value) - Vec3::from_array(halves[1][pixel].value);
+                let difference = difference.as_dvec3();
+                [difference * difference * 0.5, DVec3::ZERO, DVec3::ZERO]
+            })
+            .iter()
+            .map(|[variance, ..]| variance.as_vec3().to_array())
+            .collect();
+        let precise: Vec<[f64; 9]> = (0..n).into_par_iter().map(|pixel| means(pixel).1).collect();
+        let targets: Vec<[f32; regression::FEATURES]> = precise.par_iter().map(features).collect();
+        let [a, b] =
+            regression::smooth((self.width, self.height), [&halves[0], &halves[1]], &variance, &targets);
+        let spread = (passes[0] * passes[1]).sqrt() / all;
+        let pixel = |pixel: usize| {
+            let albedo = albedo(&precise[pixel]) * unit;
+            let [a, b] = [a[pixel], b[pixel]].map(|v| Vec3::from_array(v).as_dvec3() * albedo);
+            let smooth = Estimate { value: (a * passes[0] + b * passes[1]) / all, noise: (a - b) * spread };
+            if (smooth.value + smooth.noise).is_finite() { smooth } else { picture[pixel] }
+        };
+        (0..n).into_par_iter().map(pixel).collect()
     }
 
     /// The mean of a layer over all passes; black without any.
@@ -380,10 +639,11 @@ impl Film {
     fn mixed_layer(&self, wide: usize, fine: usize, resolved: Option<&Resolved>) -> Image {
         let scale = 1.0 / self.passes().max(1) as f64;
         let pixels = (0..self.width * self.height).map(|pixel| {
-            let layers = &self.pixel(pixel)[2 * self.levels..];
+            let layers = &self.pixel(pixel)[2 * self.block()..];
             let (wide, fine) = (layers[wide].value() * scale, layers[fine].value() * scale);
-            let share = resolved.map_or(0.0, |r| f64::from(r.fine[pixel]));
-            (wide + (fine - wide) * share).as_vec3()
+            let (share, gain) =
+                resolved.map_or((0.0, Vec3::ONE), |r| (f64::from(r.fine[pixel]), r.gain[pixel]));
+            (wide + (fine - wide) * share).as_vec3() * gain
         });
         Image { width: self.width, height: self.height, pixels: pixels.collect() }
     }
@@ -522,7 +782,7 @@ mod tests {
 
     /// A film of passes whose wide picture is 1 + bias with little noise, and whose fine one is 1 with much.
     fn film(passes: u32, bias: f32, wide_noise: f32, fine_noise: f32) -> Film {
-        let mut film = Film::new((40, 30), true, 0);
+        let mut film = Film::new((40, 30), true, 0, false);
         for pass in 0..passes {
             film.add_pass(
                 pass,
@@ -579,7 +839,7 @@ mod tests {
 
     #[test]
     fn a_single_level_needs_no_choice_and_one_pass_no_estimate() {
-        let mut film = Film::new((7, 5), false, 1);
+        let mut film = Film::new((7, 5), false, 1, false);
         for pass in 0..3 {
             film.add_pass(
                 pass,
@@ -616,7 +876,7 @@ mod tests {
     fn merged_films_are_one() {
         let whole = film(9, 0.2, 0.3, 0.4);
         let mut rest = whole.clone();
-        let mut first = Film::new((40, 30), true, 0);
+        let mut first = Film::new((40, 30), true, 0, false);
         // Takes away the first pass, as a part that begins with the second.
         first.merge(&film(1, 0.2, 0.3, 0.4));
         rest.passes[0] -= 1;
@@ -627,5 +887,58 @@ mod tests {
         rest.merge(&first);
         let (a, b) = (whole.resolve(), rest.resolve());
         assert_eq!((a.image, a.noise, a.bias), (b.image, b.noise, b.bias));
+    }
+
+    /// Two walls that meet in an edge, one bright, with the noise of camera samples that fall on either side, and of light.
+    fn walls(guided: bool, passes: u32) -> Film {
+        let mut film = Film::new((40, 30), false, 0, guided);
+        let features = |side: bool| Features {
+            albedo: Rgb::splat(if side { 0.8 } else { 0.2 }),
+            normal: if side { Vec3::X } else { Vec3::Y },
+            position: Vec3::ZERO,
+        };
+        let guide = |i: usize| {
+            let right = (0..8).map(|k| (features((i % 40 * 8 + k) >= 163), Rgb::ZERO));
+            Guide::new(right)
+        };
+        if guided {
+            film.set_guides((0..1200).map(guide).collect());
+        }
+        for pass in 0..passes {
+            film.add_pass(
+                pass,
+                || (),
+                |x, y, (), out| {
+                    let mut rng = random((pass as usize * 1200 + y * 40 + x) as u64);
+                    let side = (x as f32 + rng.next_1d()) * 8.0 >= 163.0;
+                    out.features = features(side);
+                    let light = if side { 2.0 } else { 1.0 } * (1.0 + 0.3 * normal(&mut rng));
+                    out.picture[0] = out.features.albedo * light;
+                },
+            );
+        }
+        film
+    }
+
+    /// Noise goes, in the pixels that the edge runs through as well, and the edge stays; how good it is is known.
+    #[test]
+    fn neighbours_take_noise_and_leave_edges() {
+        let exact = |i: usize| {
+            let right = ((i % 40 + 1) as f64 - 163.0 / 8.0).clamp(0.0, 1.0);
+            1.6 * right + 0.2 * (1.0 - right)
+        };
+        let rms = |film: &Film, edge: bool| {
+            let resolved = film.resolve();
+            let pixels = (0..1200).filter(|i| (i % 40 == 20) == edge);
+            let squares: Vec<f64> =
+                pixels.map(|i| (f64::from(resolved.image.pixels[i].x) - exact(i)).powi(2)).collect();
+            (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+        };
+        let (alone, guided) = (walls(false, 16), walls(true, 16));
+        for (edge, gain) in [(false, 3.0), (true, 1.25)] {
+            let (before, after) = (rms(&alone, edge), rms(&guided, edge));
+            println!("edge {edge}: {before:.4} -> {after:.4}");
+            assert!(after * gain < before, "edge {edge}: {before:.4} -> {after:.4}");
+        }
     }
 }

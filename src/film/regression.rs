@@ -1,0 +1,234 @@
+//! What neighbouring pixels tell about each other: local first-order regression of the albedo-free picture on where a
+//! pixel is and what it sees (after Bitterli et al. 2016, "Nonlinearly Weighted First-order Regression for Denoising
+//! Monte Carlo Renderings").
+//!
+//! Weights compare patches of the picture in units of its noise (non-local means, Buades et al. 2005; variances as in
+//! Rousselle et al. 2012), so pixels lend to each other only what noise cannot tell apart: the bandwidth shrinks as passes
+//! add up, and edges and shadows stay. The weights for one half of the passes come from the other, so that noise does not
+//! choose itself. The features of each half are as noisy as its picture, by the same camera samples; predicting at the
+//! features' precise means takes the noise of the pixel's own edges out, too.
+
+use rayon::prelude::*;
+
+/// Half the width of the window that lends, pixels.
+const R: usize = 5;
+/// Features beside position on the film.
+pub(super) const FEATURES: usize = 6;
+/// Unknowns: place on the film, features, and last the constant.
+const K: usize = 2 + FEATURES + 1;
+/// Entries of the normal equations: the lower triangle, and right-hand sides.
+const ENTRIES: usize = K * (K + 1) / 2 + 3 * K;
+/// Tiles are so wide and high: their normal equations stay in the second-level cache.
+const TILE: [usize; 2] = [32, 16];
+/// Pixels around a tile that are read: window and patch.
+const PAD: usize = R + 1;
+/// Keeps slopes near zero that nothing in the picture determines. A pixel weighs 1 at most.
+const RIDGE: f64 = 1e-3;
+
+/// Features that differ more do not tell more: slopes must not outweigh the constant where little is known of either.
+const FAR: f32 = 2.0;
+
+/// Variance that counts as none.
+const NO_NOISE: f32 = 1e-6;
+
+/// One half of the passes at a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Input {
+    /// Radiance over albedo, of a mean between 0.5 and 10 or so.
+    pub(super) value: [f32; 3],
+    /// Features less their precise values have a scale of about 1.
+    pub(super) features: [f32; FEATURES],
+}
+
+/// Planes of numbers, each padded by [`PAD`] on the left and top and by as much and a tile on the right and bottom.
+struct Planes {
+    stride: usize,
+    size: usize,
+    data: Vec<f32>,
+}
+
+impl Planes {
+    fn new<const N: usize>(
+        (width, height): (usize, usize),
+        value: impl Fn(usize) -> [f32; N] + Sync,
+    ) -> Planes {
+        let (stride, rows) = (width + 2 * PAD + TILE[0], height + 2 * PAD + TILE[1]);
+        let size = stride * rows;
+        let mut data = vec![0.0; N * size];
+        for row in 0..rows {
+            let y = row.saturating_sub(PAD).min(height - 1);
+            for column in 0..stride {
+                let x = column.saturating_sub(PAD).min(width - 1);
+                for (plane, v) in value(y * width + x).into_iter().enumerate() {
+                    data[plane * size + row * stride + column] = v;
+                }
+            }
+        }
+        Planes { stride, size, data }
+    }
+
+    /// `N` numbers from the pixel (x, y) rightwards; both may be -PAD.
+    fn row<const N: usize>(&self, plane: usize, x: isize, y: isize) -> &[f32; N] {
+        let pad = PAD as isize;
+        let at = plane * self.size + (y + pad) as usize * self.stride + (x + pad) as usize;
+        self.data[at..].first_chunk().unwrap_or(&[0.0; N])
+    }
+}
+
+/// Values and variances of one half, features, and 1 where a pixel counts.
+struct Half {
+    value: Planes,
+    features: Planes,
+}
+
+/// Smooths both halves of a picture of `size` (columns, rows). `variance` is that of one half at each pixel, `precise` the
+/// features' precise values. Pixels whose numbers are not finite lend nothing, and get zero.
+pub(super) fn smooth(
+    size: (usize, usize),
+    halves: [&[Input]; 2],
+    variance: &[[f32; 3]],
+    precise: &[[f32; FEATURES]],
+) -> [Vec<[f32; 3]>; 2] {
+    let (width, height) = size;
+    let sound = |i: usize| {
+        let finite = |v: &[f32]| v.iter().all(|v| v.is_finite());
+        let half = |h: &[Input]| finite(&h[i].value) && finite(&h[i].features);
+        half(halves[0]) && half(halves[1]) && finite(&variance[i]) && finite(&precise[i])
+    };
+    let sounds: Vec<bool> = (0..width * height).map(sound).collect();
+    let planes = |half: &[Input]| Half {
+        value: Planes::new(size, |i| if sounds[i] { half[i].value } else { [0.0; 3] }),
+        features: Planes::new(size, |i| if sounds[i] { half[i].features } else { [0.0; FEATURES] }),
+    };
+    let halves = halves.map(planes);
+    let variance = Planes::new(size, |i| if sounds[i] { variance[i] } else { [0.0; 3] });
+    let precise = Planes::new(size, |i| if sounds[i] { precise[i] } else { [0.0; FEATURES] });
+    let tiles_x = width.div_ceil(TILE[0]);
+    let tiles = tiles_x * height.div_ceil(TILE[1]);
+    let smoothed: Vec<[Tile; 2]> = (0..tiles)
+        .into_par_iter()
+        .map(|tile| {
+            let corner = [(tile % tiles_x) * TILE[0], (tile / tiles_x) * TILE[1]];
+            [0, 1].map(|h| {
+                let (own, other) = (&halves[h], &halves[1 - h]);
+                smooth_tile(corner, size, own, &other.value, &variance, &precise)
+            })
+        })
+        .collect();
+    [0, 1].map(|h| {
+        let pixel = |i: usize| {
+            let (x, y) = (i % width, i / width);
+            let tile = &smoothed[(y / TILE[1]) * tiles_x + x / TILE[0]][h];
+            if sounds[i] { tile[(y % TILE[1]) * TILE[0] + x % TILE[0]] } else { [0.0; 3] }
+        };
+        (0..width * height).map(pixel).collect()
+    })
+}
+
+type Tile = Vec<[f32; 3]>;
+
+fn smooth_tile(
+    [x0, y0]: [usize; 2],
+    (width, height): (usize, usize),
+    own: &Half,
+    guide: &Planes,
+    variance: &Planes,
+    precise: &Planes,
+) -> Tile {
+    const N: usize = TILE[0];
+    const WIDE: usize = N + 2;
+    let (x0, y0) = (x0 as isize, y0 as isize);
+    let r = R as isize;
+    let mut sums = vec![[[0.0f32; N]; ENTRIES]; TILE[1]];
+    let mut distances = [[0.0f32; WIDE]; TILE[1] + 2];
+    for dy in -r..=r {
+        for dx in -r..=r {
+            for (j, row) in distances.iter_mut().enumerate() {
+                *row = [0.0; WIDE];
+                let y = y0 + j as isize - 1;
+                for channel in 0..3 {
+                    let g: &[f32; WIDE] = guide.row(channel, x0 - 1, y);
+                    let h: &[f32; WIDE] = guide.row(channel, x0 - 1 + dx, y + dy);
+                    let v: &[f32; WIDE] = variance.row(channel, x0 - 1, y);
+                    let u: &[f32; WIDE] = variance.row(channel, x0 - 1 + dx, y + dy);
+                    for i in 0..WIDE {
+                        let d = g[i] - h[i];
+                        row[i] += (d * d - (v[i] + v[i].min(u[i]))) / (NO_NOISE + v[i] + u[i]);
+                    }
+                }
+            }
+            for (j, sums) in sums.iter_mut().enumerate() {
+                let y = y0 + j as isize;
+                if !(0..height as isize).contains(&(y + dy)) {
+                    continue;
+                }
+                let mut w = [0.0f32; N];
+                let (a, b, c) = (&distances[j], &distances[j + 1], &distances[j + 2]);
+                for i in 0..N {
+                    let patch = |row: &[f32; WIDE]| row[i] + row[i + 1] + row[i + 2];
+                    let d = (patch(a) + patch(b) + patch(c)) * (1.0 / 27.0);
+                    // exp(−d), nearly, and zero from 4 on.
+                    let s = (1.0 - 0.25 * d.max(0.0)).max(0.0);
+                    w[i] = (s * s) * (s * s);
+                }
+                let first = (-(x0 + dx)).clamp(0, N as isize) as usize;
+                let last = (width as isize - (x0 + dx)).clamp(0, N as isize) as usize;
+                w[..first].fill(0.0);
+                w[last.max(first)..].fill(0.0);
+                if w == [0.0; N] {
+                    continue;
+                }
+                let mut x = [[1.0f32; N]; K];
+                x[0] = [dx as f32 / R as f32; N];
+                x[1] = [dy as f32 / R as f32; N];
+                for f in 0..FEATURES {
+                    let q: &[f32; N] = own.features.row(f, x0 + dx, y + dy);
+                    let p: &[f32; N] = precise.row(f, x0, y);
+                    for i in 0..N {
+                        x[2 + f][i] = (q[i] - p[i]).clamp(-FAR, FAR);
+                    }
+                }
+                let values: [&[f32; N]; 3] =
+                    std::array::from_fn(|channel| own.value.row(channel, x0 + dx, y + dy));
+                let mut entry = 0;
+                for k in 0..K {
+                    let mut wx = [0.0f32; N];
+                    for i in 0..N {
+                        wx[i] = w[i] * x[k][i];
+                    }
+                    for other in x[..=k].iter().chain(values) {
+                        let sum = &mut sums[entry];
+                        for i in 0..N {
+                            sum[i] += wx[i] * other[i];
+                        }
+                        entry += 1;
+                    }
+                }
+            }
+        }
+    }
+    let pixel = |i: usize| constant(&std::array::from_fn(|entry| sums[i / N][entry][i % N]));
+    (0..N * TILE[1]).map(pixel).collect()
+}
+
+/// The constant of the regression: by Cholesky decomposition, where the last unknown is known first.
+fn constant(sums: &[f32; ENTRIES]) -> [f32; 3] {
+    // In f64: the constant's pivot is a small difference where one pixel is all there is.
+    let mut l = [[0.0f64; K]; K];
+    let mut z = [[0.0f64; 3]; K];
+    let mut sums = sums.iter().map(|&sum| f64::from(sum));
+    let mut next = || sums.next().unwrap_or(0.0);
+    for k in 0..K {
+        for j in 0..=k {
+            let ridge = if j == k && k + 1 < K { RIDGE } else { 0.0 };
+            let s = next() + ridge - l[k][..j].iter().zip(&l[j]).map(|(a, b)| a * b).sum::<f64>();
+            l[k][j] = if j == k { s.max(1e-9).sqrt() } else { s / l[j][j] };
+        }
+        let (known, rest) = z.split_at_mut(k);
+        for (channel, z) in rest[0].iter_mut().enumerate() {
+            let s = next() - known.iter().zip(&l[k]).map(|(z, l)| z[channel] * l).sum::<f64>();
+            *z = s / l[k][k];
+        }
+    }
+    z[K - 1].map(|z| (z / l[K - 1][K - 1]).max(0.0) as f32)
+}
