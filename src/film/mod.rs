@@ -465,8 +465,7 @@ impl Film {
 
     /// The picture, and how far it is to be trusted.
     ///
-    /// Three levels are mixed in two steps: fine with wide, and what comes of it with its regression over neighbours (see
-    /// [`regression`]). As passes grow in number, noise vanishes, and the finer level is shown wherever the other is biased.
+    /// Three levels are mixed in two steps: fine with wide, and what comes of it with its regression over neighbours (`film/regression.rs`). As passes grow in number, noise vanishes, and the finer level is shown wherever the other is biased.
     pub fn resolve(&self) -> Resolved {
         let n = self.width * self.height;
         let halves = self.passes.iter().all(|&n| n > 0);
