@@ -150,7 +150,7 @@ impl Header {
 /// # Errors
 /// [`Error::Runtime`] if it cannot be written.
 pub fn write(path: &Path, identity: &Identity, scene: &str, state: &State) -> Result<()> {
-    let (passes, eights, fours) = state.film().contents();
+    let (passes, contents) = state.film().contents();
     let header = Header {
         identity: identity.clone(),
         scene: scene.into(),
@@ -171,7 +171,7 @@ pub fn write(path: &Path, identity: &Identity, scene: &str, state: &State) -> Re
         put(&(json.len() as u32).to_le_bytes(), &mut hasher)?;
         put(&json, &mut hasher)?;
         put(&hasher.digest128().to_le_bytes(), &mut hasher)?;
-        for (bytes, width) in [(eights[0], 8), (eights[1], 8), (fours, 4)] {
+        for (bytes, width) in contents {
             if cfg!(target_endian = "little") {
                 put(bytes, &mut hasher)?;
             } else {
@@ -204,9 +204,9 @@ pub fn read(path: &Path) -> Result<(Header, State)> {
         // Of the length checked against the file's, so this is no more memory than there are bytes to fill it.
         let mut state = State::empty(header.layout, header.first);
         state.statistics = header.statistics.clone();
-        let (passes, [sums, features], guides) = state.film_mut().contents_mut();
+        let (passes, contents) = state.film_mut().contents_mut();
         *passes = header.passes;
-        for (bytes, width) in [(sums, 8), (features, 8), (guides, 4)] {
+        for (bytes, width) in contents {
             reader.fill(bytes)?;
             swap_if_big_endian(bytes, width);
         }

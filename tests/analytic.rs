@@ -22,9 +22,7 @@ const ALL: [(Kind, &[&str]); 3] = [
 ];
 
 fn options(integrator: Kind, settings: &[&str], seed: u64, passes: u32) -> Options {
-    // Single estimates are meant: what neighbours lend is off where light curves, until there are passes enough to tell.
-    let settings: Vec<&str> = settings.iter().copied().chain(["regression=false"]).collect();
-    Options { integrator, params: params(&settings), seed, budget: Budget::Passes(passes), aovs: false }
+    Options { integrator, params: params(settings), seed, budget: Budget::Passes(passes), aovs: false }
 }
 
 /// The picture's mean, as each of 16 seeds has it.

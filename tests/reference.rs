@@ -35,9 +35,7 @@ fn check(name: &str, backend: Backend, kind: Kind, passes: u32, relmse: f64, bia
 fn a_few_passes_come_near() {
     for (name, relmse, _) in SCENES {
         for backend in backends() {
-            // A few glints are 2 % of all light on the glossy floor.
-            let bias = if name == "glossy-caustic" { 0.03 } else { 0.02 };
-            check(name, backend, Kind::Photonmap, 16, relmse, bias);
+            check(name, backend, Kind::Photonmap, 16, relmse, 0.02);
         }
     }
 }

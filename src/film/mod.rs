@@ -127,7 +127,8 @@ impl Sum {
 }
 
 /// What a camera sample sees first, through whatever is sharp: what neighbouring pixels are compared by.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Features {
     /// Share of light that is scattered.
     pub albedo: Rgb,
@@ -135,13 +136,6 @@ pub struct Features {
     pub normal: Vec3,
     /// Position relative to the scene's bounding sphere.
     pub position: Vec3,
-}
-
-impl Features {
-    fn to_array(self) -> [f32; 9] {
-        let [a, n, p] = [self.albedo, self.normal, self.position].map(|v| v.to_array());
-        [a[0], a[1], a[2], n[0], n[1], n[2], p[0], p[1], p[2]]
-    }
 }
 
 /// Sums of [`Features`] in fixed point, so that their order does not show.
@@ -154,7 +148,7 @@ impl FeatureSums {
     const SCALE: f64 = (1 << 24) as f64;
 
     fn add(&mut self, features: &Features) {
-        for (sum, value) in self.0.iter_mut().zip(features.to_array()) {
+        for (sum, value) in self.0.iter_mut().zip(bytemuck::cast::<Features, [f32; 9]>(*features)) {
             // A cast of NaN is zero. The limit keeps any number of passes from overflowing.
             let fixed = (f64::from(value.clamp(-16.0, 16.0)) * Self::SCALE).round() as i64;
             *sum = sum.wrapping_add(fixed);
@@ -174,36 +168,38 @@ impl FeatureSums {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Guide {
-    features: [f32; 9],
-    emitted: [f32; 3],
+    /// What the camera sees first.
+    pub features: Features,
+    /// What it sees of lights themselves, see [`Values::emitted`].
+    pub emitted: Rgb,
     /// How many samples the features are from.
     count: f32,
-    /// How many samples the emitted light is from, which must not have had a say in their number.
+    /// How many samples the emitted light is from.
     emitted_count: f32,
 }
 
 impl Guide {
-    /// From the features and emitted light ([`Values::emitted`]) of each sample.
+    /// From the features and emitted light of each sample.
     pub fn new(samples: impl Iterator<Item = (Features, Rgb)>) -> Guide {
-        let features = Guide::without_emitted(samples);
-        Guide { emitted_count: features.count, ..features }
-    }
-
-    /// The same where the light they found has decided that there are no more: it would be off in the mean.
-    pub fn without_emitted(samples: impl Iterator<Item = (Features, Rgb)>) -> Guide {
         let (mut features, mut emitted, mut count) = ([0.0f64; 9], DVec3::ZERO, 0.0);
         for (f, e) in samples {
-            features.iter_mut().zip(f.to_array()).for_each(|(sum, f)| *sum += f64::from(f));
+            let f: [f32; 9] = bytemuck::cast(f);
+            features.iter_mut().zip(f).for_each(|(sum, f)| *sum += f64::from(f));
             emitted += e.as_dvec3();
             count += 1.0;
         }
-        let scale = if count > 0.0 { 1.0 / count } else { 0.0 };
+        let n = f64::max(count, 1.0);
         Guide {
-            features: features.map(|f| (f * scale) as f32),
-            emitted: (emitted * scale).as_vec3().to_array(),
+            features: bytemuck::cast(features.map(|f| (f / n) as f32)),
+            emitted: (emitted / n).as_vec3(),
             count: count as f32,
-            emitted_count: 0.0,
+            emitted_count: count as f32,
         }
+    }
+
+    /// The features alone. Light that has had a say in how many samples there are would be off in the mean.
+    pub fn without_emitted(self) -> Guide {
+        Guide { emitted_count: 0.0, ..self }
     }
 }
 
@@ -291,6 +287,18 @@ struct Estimate {
 }
 
 impl Estimate {
+    /// From the sums of the halves, of so many passes each.
+    fn new([a, b]: [DVec3; 2], [n0, n1]: [f64; 2]) -> Estimate {
+        let n = (n0 + n1).max(1.0);
+        let noise = (a / n0.max(1.0) - b / n1.max(1.0)) * ((n0 * n1).sqrt() / n);
+        Estimate { value: (a + b) / n, noise }
+    }
+
+    /// The means of the halves.
+    fn halves(&self, [n0, n1]: [f64; 2]) -> [DVec3; 2] {
+        [self.value + self.noise * (n1 / n0).sqrt(), self.value - self.noise * (n0 / n1).sqrt()]
+    }
+
     fn plus(&self, other: &Estimate, share: f64) -> Estimate {
         Estimate { value: self.value + other.value * share, noise: self.noise + other.noise * share }
     }
@@ -421,16 +429,17 @@ impl Film {
         self.passes[0] + self.passes[1]
     }
 
-    /// Everything but the shape, for keeping: passes of each half, and numbers of eight and of four bytes.
-    pub fn contents(&self) -> ([u32; 2], [&[u8]; 2], &[u8]) {
-        let eights = [bytemuck::cast_slice(&self.sums), bytemuck::cast_slice(&self.features)];
-        (self.passes, eights, bytemuck::cast_slice(&self.guides))
+    /// Everything but the shape, for keeping: passes of each half, and numbers with the bytes that each takes.
+    pub fn contents(&self) -> ([u32; 2], [(&[u8], usize); 3]) {
+        let [sums, features] = [bytemuck::cast_slice(&self.sums), bytemuck::cast_slice(&self.features)];
+        (self.passes, [(sums, 8), (features, 8), (bytemuck::cast_slice(&self.guides), 4)])
     }
 
     /// Where [`Film::contents`] of a film of the same shape are put back.
-    pub fn contents_mut(&mut self) -> (&mut [u32; 2], [&mut [u8]; 2], &mut [u8]) {
-        let eights = [bytemuck::cast_slice_mut(&mut self.sums), bytemuck::cast_slice_mut(&mut self.features)];
-        (&mut self.passes, eights, bytemuck::cast_slice_mut(&mut self.guides))
+    pub fn contents_mut(&mut self) -> (&mut [u32; 2], [(&mut [u8], usize); 3]) {
+        let sums = bytemuck::cast_slice_mut(&mut self.sums);
+        let features = bytemuck::cast_slice_mut(&mut self.features);
+        (&mut self.passes, [(sums, 8), (features, 8), (bytemuck::cast_slice_mut(&mut self.guides), 4)])
     }
 
     fn pixel(&self, pixel: usize) -> &[Sum] {
@@ -446,11 +455,7 @@ impl Film {
     /// Of sum number `i` of the halves.
     fn estimate(&self, pixel: usize, i: usize) -> Estimate {
         let sums = self.pixel(pixel);
-        let [n0, n1] = self.passes.map(f64::from);
-        let n = (n0 + n1).max(1.0);
-        let spread = if n0 > 0.0 && n1 > 0.0 { (n0 * n1).sqrt() / n } else { 0.0 };
-        let (a, b) = (sums[i].value(), sums[self.block() + i].value());
-        Estimate { value: (a + b) / n, noise: (a / n0.max(1.0) - b / n1.max(1.0)) * spread }
+        Estimate::new([sums[i].value(), sums[self.block() + i].value()], self.passes.map(f64::from))
     }
 
     /// What the camera sees of lights themselves: mean over all passes, and the samples that were taken before.
@@ -459,14 +464,15 @@ impl Film {
         let before = self.guides.get(pixel).copied().unwrap_or_default();
         let count = f64::from(before.emitted_count);
         let known = count / (f64::from(self.passes()) + count).max(1.0);
-        let before = Vec3::from_array(before.emitted).as_dvec3();
+        let before = before.emitted.as_dvec3();
         Estimate { value: value + (before - value) * known, noise: noise * (1.0 - known) }
     }
 
     /// The picture, and how far it is to be trusted.
     ///
-    /// Three levels are mixed in two steps: fine with wide, and what comes of it with its regression over neighbours (see
-    /// [`regression`]). As passes grow in number, noise vanishes, and the finer level is shown wherever the other is biased.
+    /// Three levels are mixed in two steps: fine with wide, and what comes of it with its regression over neighbours
+    /// (`film/regression.rs`). As passes grow in number, noise vanishes, and the finer level is shown wherever the other is
+    /// biased.
     pub fn resolve(&self) -> Resolved {
         let n = self.width * self.height;
         let halves = self.passes.iter().all(|&n| n > 0);
@@ -485,15 +491,7 @@ impl Film {
                 picture.par_iter().zip(&smooth).map(|(mixed, smooth)| mixed.plus(smooth, -1.0)).collect();
             let (share, more) = self.shares(&difference, &smooth);
             picture = mixture(&smooth, &difference, &share);
-            for ((pixel, &mean), (bias, more)) in
-                picture.iter_mut().zip(&mean).zip(biases.iter_mut().zip(more))
-            {
-                *bias += more;
-                // Of what is broken, the neighbours know nothing.
-                if !mean.is_finite() {
-                    pixel.value = mean;
-                }
-            }
+            biases.iter_mut().zip(more).for_each(|(bias, more)| *bias += more);
         }
         picture = picture.par_iter().enumerate().map(|(i, p)| p.plus(&self.emitted(i), 1.0)).collect();
         // Noise goes with brightness, so it is relative noise that is smoothed.
@@ -554,74 +552,66 @@ impl Film {
         blend.iter().map(pixel).unzip()
     }
 
-    /// The regression of `picture` over neighbouring pixels.
+    /// Means of a pixel's features: of each half, and of all samples there are.
+    fn features(&self, pixel: usize) -> ([[f64; 9]; 2], [f64; 9]) {
+        let sums = self.features[pixel].map(|sums| sums.values());
+        let halves = [0, 1].map(|h| sums[h].map(|sum| sum / f64::from(self.passes[h].max(1))));
+        let guide = &self.guides[pixel];
+        let before: [f32; 9] = bytemuck::cast(guide.features);
+        let count = f64::from(guide.count);
+        let n = (f64::from(self.passes()) + count).max(1.0);
+        let all = std::array::from_fn(|f| (sums[0][f] + sums[1][f] + f64::from(before[f]) * count) / n);
+        (halves, all)
+    }
+
+    /// How much positions vary over the picture.
+    fn spread(&self) -> f64 {
+        let n = self.guides.len();
+        let position = |pixel| DVec3::from_slice(&self.features(pixel).1[6..]);
+        let positions: Vec<DVec3> = (0..n).into_par_iter().map(position).collect();
+        // In order, so that the sums do not depend on the threads.
+        let mean = positions.iter().sum::<DVec3>() / n as f64;
+        let variance = positions.iter().map(|&p| (p - mean) * (p - mean)).sum::<DVec3>() / n as f64;
+        variance.max_element().sqrt()
+    }
+
+    /// The regression of `picture` over neighbouring pixels. What is broken stays as it is.
     fn smooth(&self, picture: &[Estimate]) -> Vec<Estimate> {
         let n = picture.len();
         let passes = self.passes.map(f64::from);
-        let all = passes[0] + passes[1];
-        // Means of the features: of each half, and of all samples there are.
-        let means = |pixel: usize| {
-            let halves = [0, 1].map(|h| {
-                let mean = |sum: f64| sum / passes[h];
-                self.features[pixel][h].values().map(mean)
-            });
-            let guide = &self.guides[pixel];
-            let count = f64::from(guide.count);
-            let precise: [f64; 9] = std::array::from_fn(|f| {
-                let passes = halves[0][f] * passes[0] + halves[1][f] * passes[1];
-                (passes + count * f64::from(guide.features[f])) / (all + count)
-            });
-            (halves, precise)
-        };
-        // Positions vary by this much over the picture.
-        let sums = (0..n).into_par_iter().map(|pixel| {
-            let position = DVec3::from_slice(&means(pixel).1[6..]);
-            [position, position * position]
-        });
-        // In order, so that the sums do not depend on the threads.
-        let [sum, squares] =
-            sums.collect::<Vec<_>>().into_iter().fold([DVec3::ZERO; 2], |[a, b], [c, d]| [a + c, b + d]);
-        let (sum, squares) = (sum / n as f64, squares / n as f64);
-        let spread = (squares - sum * sum).max_element().max(0.0).sqrt();
-        let features = |f: &[f64; 9]| -> [f32; regression::FEATURES] {
+        let spread = self.spread();
+        let scaled = |f: &[f64; 9]| -> [f32; regression::FEATURES] {
             let scale = |i: usize| if i < 3 { 1.0 / 0.3 } else { 1.0 / (0.6 * spread + 1e-6) };
             std::array::from_fn(|i| (f[3 + i] * scale(i)) as f32)
         };
         let albedo = |f: &[f64; 9]| DVec3::new(f[0], f[1], f[2]).max(DVec3::ZERO) + DARK;
-        let apart = [(passes[1] / passes[0]).sqrt(), -(passes[0] / passes[1]).sqrt()];
         // A power of two, so that brightness is a mere factor.
         let sum: f64 = picture.iter().map(|p| p.value.abs().element_sum()).filter(|v| v.is_finite()).sum();
         let unit = if sum > 0.0 { (sum / (3 * n) as f64).log2().floor().exp2() } else { 1.0 };
-        let input = |h: usize, pixel: usize| {
-            let (halves, _) = means(pixel);
-            let value = picture[pixel].value + picture[pixel].noise * apart[h];
-            regression::Input {
-                value: (value / (albedo(&halves[h]) * unit)).as_vec3().to_array(),
-                features: features(&halves[h]),
-            }
+        let pixel = |pixel: usize| {
+            let (halves, all) = self.features(pixel);
+            let values = picture[pixel].halves(passes);
+            let inputs = [0, 1].map(|h| regression::Input {
+                value: (values[h] / (albedo(&halves[h]) * unit)).as_vec3().to_array(),
+                features: scaled(&halves[h]),
+            });
+            (inputs, (scaled(&all), albedo(&all) * unit))
         };
-        let halves: [Vec<regression::Input>; 2] =
-            [0, 1].map(|h| (0..n).into_par_iter().map(|pixel| input(h, pixel)).collect());
+        let (inputs, (precise, scale)): (Vec<_>, (Vec<_>, Vec<_>)) =
+            (0..n).into_par_iter().map(pixel).unzip();
         let variance: Vec<[f32; 3]> = self
             .windowed(|pixel| {
-                let difference =
-                    Vec3::from_array(halves[0][pixel].value) - Vec3::from_array(halves[1][pixel].value);
-                let difference = difference.as_dvec3();
-                [difference * difference * 0.5, DVec3::ZERO, DVec3::ZERO]
+                let [a, b] = inputs[pixel].map(|half| Vec3::from_array(half.value).as_dvec3());
+                [(a - b) * (a - b) * 0.5, DVec3::ZERO, DVec3::ZERO]
             })
             .iter()
             .map(|[variance, ..]| variance.as_vec3().to_array())
             .collect();
-        let precise: Vec<[f64; 9]> = (0..n).into_par_iter().map(|pixel| means(pixel).1).collect();
-        let targets: Vec<[f32; regression::FEATURES]> = precise.par_iter().map(features).collect();
-        let [a, b] =
-            regression::smooth((self.width, self.height), [&halves[0], &halves[1]], &variance, &targets);
-        let spread = (passes[0] * passes[1]).sqrt() / all;
+        let smooth = regression::smooth((self.width, self.height), &inputs, &variance, &precise);
         let pixel = |pixel: usize| {
-            let albedo = albedo(&precise[pixel]) * unit;
-            let [a, b] = [a[pixel], b[pixel]].map(|v| Vec3::from_array(v).as_dvec3() * albedo);
-            let smooth = Estimate { value: (a * passes[0] + b * passes[1]) / all, noise: (a - b) * spread };
-            if (smooth.value + smooth.noise).is_finite() { smooth } else { picture[pixel] }
+            let sum = |h: usize| Vec3::from_array(smooth[pixel][h]).as_dvec3() * scale[pixel] * passes[h];
+            let is_sound = picture[pixel].value.is_finite() && picture[pixel].noise.is_finite();
+            if is_sound { Estimate::new([sum(0), sum(1)], passes) } else { picture[pixel] }
         };
         (0..n).into_par_iter().map(pixel).collect()
     }
@@ -780,20 +770,26 @@ mod tests {
         }
     }
 
-    /// A film of passes whose wide picture is 1 + bias with little noise, and whose fine one is 1 with much.
-    fn film(passes: u32, bias: f32, wide_noise: f32, fine_noise: f32) -> Film {
-        let mut film = Film::new((40, 30), true, 0, false);
+    /// Adds passes whose pixels are drawn at random.
+    fn add_passes(film: &mut Film, passes: u32, pixel: impl Fn(usize, &mut Sampler, &mut Values) + Sync) {
         for pass in 0..passes {
             film.add_pass(
                 pass,
                 || (),
                 |x, y, (), out| {
-                    let mut rng = random((pass as usize * 1200 + y * 40 + x) as u64);
-                    out.picture[0] = Rgb::splat(1.0 + bias + wide_noise * normal(&mut rng));
-                    out.picture[1] = Rgb::splat(1.0 + fine_noise * normal(&mut rng));
+                    pixel(x, &mut random((pass as usize * 1200 + y * 40 + x) as u64), out);
                 },
             );
         }
+    }
+
+    /// A film of passes whose wide picture is 1 + bias with little noise, and whose fine one is 1 with much.
+    fn film(passes: u32, bias: f32, wide_noise: f32, fine_noise: f32) -> Film {
+        let mut film = Film::new((40, 30), true, 0, false);
+        add_passes(&mut film, passes, |_, rng, out| {
+            out.picture[0] = Rgb::splat(1.0 + bias + wide_noise * normal(rng));
+            out.picture[1] = Rgb::splat(1.0 + fine_noise * normal(rng));
+        });
         film
     }
 
@@ -904,23 +900,16 @@ mod tests {
         if guided {
             film.set_guides((0..1200).map(guide).collect());
         }
-        for pass in 0..passes {
-            film.add_pass(
-                pass,
-                || (),
-                |x, y, (), out| {
-                    let mut rng = random((pass as usize * 1200 + y * 40 + x) as u64);
-                    let side = (x as f32 + rng.next_1d()) * 8.0 >= 163.0;
-                    out.features = features(side);
-                    let light = if side { 2.0 } else { 1.0 } * (1.0 + 0.3 * normal(&mut rng));
-                    out.picture[0] = out.features.albedo * light;
-                },
-            );
-        }
+        add_passes(&mut film, passes, |x, rng, out| {
+            let side = (x as f32 + rng.next_1d()) * 8.0 >= 163.0;
+            out.features = features(side);
+            let light = if side { 2.0 } else { 1.0 } * (1.0 + 0.3 * normal(rng));
+            out.picture[0] = out.features.albedo * light;
+        });
         film
     }
 
-    /// Noise goes, in the pixels that the edge runs through as well, and the edge stays; how good it is is known.
+    /// Noise goes, in the pixels that the edge runs through as well, and the edge stays.
     #[test]
     fn neighbours_take_noise_and_leave_edges() {
         let exact = |i: usize| {

@@ -1,5 +1,5 @@
-//! What neighbouring pixels tell about each other: local first-order regression of the albedo-free picture on where a
-//! pixel is and what it sees (after Bitterli et al. 2016, "Nonlinearly Weighted First-order Regression for Denoising
+//! What neighbouring pixels tell about each other: local regression of the albedo-free picture on where a pixel is, to
+//! second order so that light that curves over the window is not flattened, and to first on what it sees (after Bitterli et al. 2016, "Nonlinearly Weighted First-order Regression for Denoising
 //! Monte Carlo Renderings").
 //!
 //! Weights compare patches of the picture in units of its noise (non-local means, Buades et al. 2005; variances as in
@@ -14,8 +14,10 @@ use rayon::prelude::*;
 const R: usize = 5;
 /// Features beside position on the film.
 pub(super) const FEATURES: usize = 6;
+/// Terms of place on the film, up to the second order.
+const PLACE: usize = 5;
 /// Unknowns: place on the film, features, and last the constant.
-const K: usize = 2 + FEATURES + 1;
+const K: usize = PLACE + FEATURES + 1;
 /// Entries of the normal equations: the lower triangle, and right-hand sides.
 const ENTRIES: usize = K * (K + 1) / 2 + 3 * K;
 /// Tiles are so wide and high: their normal equations stay in the second-level cache.
@@ -48,10 +50,7 @@ struct Planes {
 }
 
 impl Planes {
-    fn new<const N: usize>(
-        (width, height): (usize, usize),
-        value: impl Fn(usize) -> [f32; N] + Sync,
-    ) -> Planes {
+    fn new<const N: usize>((width, height): (usize, usize), value: impl Fn(usize) -> [f32; N]) -> Planes {
         let (stride, rows) = (width + 2 * PAD + TILE[0], height + 2 * PAD + TILE[1]);
         let size = stride * rows;
         let mut data = vec![0.0; N * size];
@@ -75,34 +74,32 @@ impl Planes {
     }
 }
 
-/// Values and variances of one half, features, and 1 where a pixel counts.
+/// What one half tells the regression.
 struct Half {
     value: Planes,
     features: Planes,
 }
 
 /// Smooths both halves of a picture of `size` (columns, rows). `variance` is that of one half at each pixel, `precise` the
-/// features' precise values. Pixels whose numbers are not finite lend nothing, and get zero.
+/// features' precise values; both and the features are finite. Values that are not count as black.
 pub(super) fn smooth(
     size: (usize, usize),
-    halves: [&[Input]; 2],
+    inputs: &[[Input; 2]],
     variance: &[[f32; 3]],
     precise: &[[f32; FEATURES]],
-) -> [Vec<[f32; 3]>; 2] {
+) -> Vec<[[f32; 3]; 2]> {
     let (width, height) = size;
     let sound = |i: usize| {
         let finite = |v: &[f32]| v.iter().all(|v| v.is_finite());
-        let half = |h: &[Input]| finite(&h[i].value) && finite(&h[i].features);
-        half(halves[0]) && half(halves[1]) && finite(&variance[i]) && finite(&precise[i])
+        inputs[i].iter().all(|half| finite(&half.value))
     };
     let sounds: Vec<bool> = (0..width * height).map(sound).collect();
-    let planes = |half: &[Input]| Half {
-        value: Planes::new(size, |i| if sounds[i] { half[i].value } else { [0.0; 3] }),
-        features: Planes::new(size, |i| if sounds[i] { half[i].features } else { [0.0; FEATURES] }),
-    };
-    let halves = halves.map(planes);
-    let variance = Planes::new(size, |i| if sounds[i] { variance[i] } else { [0.0; 3] });
-    let precise = Planes::new(size, |i| if sounds[i] { precise[i] } else { [0.0; FEATURES] });
+    let halves = [0, 1].map(|h| Half {
+        value: Planes::new(size, |i| if sounds[i] { inputs[i][h].value } else { [0.0; 3] }),
+        features: Planes::new(size, |i| inputs[i][h].features),
+    });
+    let variance = Planes::new(size, |i| variance[i]);
+    let precise = Planes::new(size, |i| precise[i]);
     let tiles_x = width.div_ceil(TILE[0]);
     let tiles = tiles_x * height.div_ceil(TILE[1]);
     let smoothed: Vec<[Tile; 2]> = (0..tiles)
@@ -115,14 +112,12 @@ pub(super) fn smooth(
             })
         })
         .collect();
-    [0, 1].map(|h| {
-        let pixel = |i: usize| {
-            let (x, y) = (i % width, i / width);
-            let tile = &smoothed[(y / TILE[1]) * tiles_x + x / TILE[0]][h];
-            if sounds[i] { tile[(y % TILE[1]) * TILE[0] + x % TILE[0]] } else { [0.0; 3] }
-        };
-        (0..width * height).map(pixel).collect()
-    })
+    let pixel = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let tile = &smoothed[(y / TILE[1]) * tiles_x + x / TILE[0]];
+        [0, 1].map(|h| tile[h][(y % TILE[1]) * TILE[0] + x % TILE[0]])
+    };
+    (0..width * height).map(pixel).collect()
 }
 
 type Tile = Vec<[f32; 3]>;
@@ -179,13 +174,15 @@ fn smooth_tile(
                     continue;
                 }
                 let mut x = [[1.0f32; N]; K];
-                x[0] = [dx as f32 / R as f32; N];
-                x[1] = [dy as f32 / R as f32; N];
+                let (u, v) = (dx as f32 / R as f32, dy as f32 / R as f32);
+                for (x, place) in x.iter_mut().zip([u, v, u * u, u * v, v * v]) {
+                    *x = [place; N];
+                }
                 for f in 0..FEATURES {
                     let q: &[f32; N] = own.features.row(f, x0 + dx, y + dy);
                     let p: &[f32; N] = precise.row(f, x0, y);
                     for i in 0..N {
-                        x[2 + f][i] = (q[i] - p[i]).clamp(-FAR, FAR);
+                        x[PLACE + f][i] = (q[i] - p[i]).clamp(-FAR, FAR);
                     }
                 }
                 let values: [&[f32; N]; 3] =

@@ -14,7 +14,7 @@ pub use parts::Parts;
 pub use state::{Layout, PhotonCounts, Progress, Rendering, Seconds, Skipped, State, Statistics};
 
 use crate::film::Features;
-use crate::math::{Ray, Rgb};
+use crate::math::{Ray, Rgb, luminance};
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
 use plan::Plan;
@@ -101,14 +101,33 @@ struct Seen {
     depth: f32,
     /// Photons per area, in the maps of the pass.
     density: f32,
-    /// What of the sample's radiance lights send to the camera themselves, but for what only chance would find.
+    /// What of the sample's radiance lights send to the camera themselves, by delta lobes at most.
     emitted: Rgb,
     /// What it sees first through whatever is sharp.
     features: Features,
 }
 
 impl Seen {
-    fn with_first(&self, s: &Surface, ray: &Ray) -> Seen {
-        Seen { albedo: s.bsdf.albedo(), normal: s.frame.n, depth: (s.p - ray.o).length(), ..*self }
+    /// Takes down the first surface.
+    fn set_first(&mut self, s: &Surface, ray: &Ray) {
+        self.albedo = s.bsdf.albedo();
+        self.normal = s.frame.n;
+        self.depth = (s.p - ray.o).length();
+    }
+
+    /// Adds `s` to the features with `weight`.
+    fn add_surface(&mut self, weight: Rgb, s: &Surface, scene: &Scene) {
+        let w = luminance(weight);
+        self.features.albedo += weight * s.bsdf.albedo();
+        self.features.normal += w * s.frame.n;
+        self.features.position += w * scene.bounds.relative(s.p);
+    }
+
+    /// Adds what lies behind the scene along `ray` to the features with `weight`.
+    fn add_background(&mut self, weight: Rgb, ray: &Ray, scene: &Scene) {
+        let w = luminance(weight);
+        self.features.albedo += weight;
+        self.features.normal -= w * ray.d;
+        self.features.position += w * (scene.bounds.relative(ray.o).clamp_length_max(1.0) + ray.d);
     }
 }

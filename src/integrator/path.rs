@@ -84,7 +84,7 @@ pub(super) fn radiance(
             break;
         };
         if depth == 1 {
-            *seen = seen.with_first(&s, &ray);
+            seen.set_first(&s, &ray);
         }
         sum += beta.parts(direct::emitted(scene, &s, &ray, &previous), bounces, first_delta);
         if depth == max_depth {

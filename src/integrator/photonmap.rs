@@ -2,7 +2,7 @@
 
 use super::direct::{self, Previous};
 use super::plan::Plan;
-use super::{DirectLight, Params, Parts, Seen, guides};
+use super::{DirectLight, Params, Parts, Seen};
 use crate::bsdf::{BsdfSample, Mode, Share};
 use crate::math::{Ray, Rgb, Sampler, luminance};
 use crate::photon::kdtree::KnnHeap;
@@ -128,6 +128,8 @@ struct Walk {
     through_sharp: bool,
     /// Whether the path has only passed what does not bend it.
     straight: bool,
+    /// Whether it has met nothing but delta lobes.
+    delta: bool,
     /// Whether a surface that scatters broadly has been seen.
     known: bool,
     /// Product of the relative indices of refraction.
@@ -140,8 +142,8 @@ pub(super) struct Eye<'a> {
     pub(super) scene: &'a Scene,
     pub(super) params: &'a Params,
     pub(super) maps: &'a Maps,
-    /// Whether to tell the density of photons.
-    pub(super) density: bool,
+    /// Whether to tell what lies first and how dense photons are there.
+    pub(super) aovs: bool,
 }
 
 impl Eye<'_> {
@@ -170,6 +172,7 @@ impl Eye<'_> {
             gathering: false,
             through_sharp: false,
             straight: true,
+            delta: true,
             known: false,
             eta: 1.0,
             previous: Previous { p: ray.o, pdf_w: None },
@@ -182,32 +185,30 @@ impl Eye<'_> {
             };
             let Some(s) = hit else {
                 if !walk.known {
-                    guides::add_background(&mut seen.features, walk.beta, &walk.ray, self.scene);
+                    seen.add_background(walk.beta, &walk.ray, self.scene);
                 }
                 if !(walk.straight && self.params.hide_emitters) {
                     let light = direct::background(self.scene, &walk.ray, &walk.previous);
                     sum.iter_mut().for_each(|sum| *(walk.emitted_part)(sum) += walk.beta_emitted * light);
-                    if walk.previous.pdf_w.is_none() {
+                    if walk.delta {
                         seen.emitted += walk.beta_emitted * light;
                     }
                 }
                 next = None;
                 continue;
             };
-            if walk.depth == 1 {
-                *seen = seen.with_first(&s, &walk.ray);
-                if self.density {
-                    seen.density = self.maps.density(&s, scratch);
-                }
+            if self.aovs && walk.depth == 1 {
+                seen.set_first(&s, &walk.ray);
+                seen.density = self.maps.density(&s, scratch);
             }
             let emitted = direct::emitted(self.scene, &s, &walk.ray, &walk.previous);
             sum.iter_mut().for_each(|sum| *(walk.emitted_part)(sum) += walk.beta_emitted * emitted);
-            if walk.previous.pdf_w.is_none() {
+            if walk.delta {
                 seen.emitted += walk.beta_emitted * emitted;
             }
             if !walk.known && (s.bsdf.has_smooth() || s.light.is_some()) {
                 walk.known = true;
-                guides::add_surface(&mut seen.features, walk.beta, &s, self.scene);
+                seen.add_surface(walk.beta, &s, self.scene);
             }
             if walk.depth >= self.params.max_segments() || walk.beta == Rgb::ZERO {
                 next = None;
@@ -291,6 +292,7 @@ impl Eye<'_> {
         let mut next = Walk {
             ray: s.spawn(s.frame.to_world(sample.wi)),
             depth: walk.depth + 1,
+            delta: walk.delta && sample.delta,
             straight: walk.straight && direct::goes_straight(sample, wo),
             eta: walk.eta * sample.eta,
             previous: Previous { p: s.p, pdf_w: (!sample.delta).then_some(sample.pdf_w) },

@@ -9,7 +9,6 @@ use crate::image_io::{Channels, Image, Layer};
 use crate::math::{Rgb, Sampler, Stream};
 use crate::scene::Scene;
 use crate::{Error, Result};
-use glam::Vec2;
 use serde::{Deserialize, Serialize};
 use std::ops::{AddAssign, ControlFlow, Range};
 use std::time::{Duration, Instant};
@@ -174,10 +173,9 @@ impl State {
         }
         let plan = Plan::new(scene, options);
         let mut state = State::empty(Layout::of(scene, options, &plan), first);
-        state.statistics.skipped = plan.skipped;
         if state.layout.guided {
             let start = Instant::now();
-            let (guides, rays) = guides::guides(scene, &options.params, options.seed);
+            let (guides, rays) = guides::guides(scene, options, &plan);
             state.film.set_guides(guides);
             // Every part needs them, but together they are one render.
             if first == 0 {
@@ -185,6 +183,7 @@ impl State {
                 state.statistics.seconds.eye += start.elapsed().as_secs_f64();
             }
         }
+        state.statistics.skipped = plan.skipped;
         Ok(state)
     }
 
@@ -331,19 +330,16 @@ impl State {
         let start = Instant::now();
         let splats = maps.as_mut().map_or(Vec::new(), |maps| std::mem::take(&mut maps.splats));
         let (x0, y0, ..) = scene.film.crop;
-        let full = Vec2::new(scene.film.size.0 as f32, scene.film.size.1 as f32);
-        let filter = scene.film.filter;
         let pixel = |x: usize, y: usize, (scratch, rays): &mut (Scratch, u64), out: &mut Values| {
             let (x, y) = (x0 + x as u32, y0 + y as u32);
             let pixel = y as u64 * scene.film.size.0 as u64 + x as u64;
             let set = 2 * pixel + u64::from(film::half(index));
             let mut sampler = Sampler::new(options.seed, Stream::Eye, set, u64::from(index / 2));
-            let position = Vec2::new(x as f32, y as f32) + 0.5 + filter.sample(sampler.next_2d());
-            let ray = scene.camera.ray(position / full, sampler.next_2d());
+            let ray = scene.camera_ray((x, y), &mut sampler);
             let mut seen = Seen::default();
             let shown = match &maps {
                 Some(maps) => {
-                    let eye = Eye { scene, params, maps, density: options.aovs };
+                    let eye = Eye { scene, params, maps, aovs: options.aovs };
                     eye.radiance(ray, &mut sampler, scratch, &mut seen, rays)
                 }
                 None => [path::radiance(scene, params, ray, &mut sampler, &mut seen, rays); 2],

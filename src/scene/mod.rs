@@ -24,7 +24,7 @@ use crate::bsdf::Bsdf;
 use crate::camera::Camera;
 use crate::film::FilmSettings;
 use crate::light::{Light, Lights, Targets};
-use crate::math::{Frame, Ray, Rgb, offset_origin};
+use crate::math::{Frame, Ray, Rgb, Sampler, offset_origin};
 use crate::shape::{Bounds, Facet, Facets, Geometry, Hit, Shape, Wanted};
 use crate::texture::{Lookup, Texture};
 use crate::{Error, Result};
@@ -186,6 +186,13 @@ impl Scene {
             shape_wanted,
             intersector,
         })
+    }
+
+    /// A camera ray through the pixel (x, y) of the full film, distributed as the reconstruction filter around it.
+    pub fn camera_ray(&self, (x, y): (u32, u32), sampler: &mut Sampler) -> Ray {
+        let full = Vec2::new(self.film.size.0 as f32, self.film.size.1 as f32);
+        let position = Vec2::new(x as f32, y as f32) + 0.5 + self.film.filter.sample(sampler.next_2d());
+        self.camera.ray(position / full, sampler.next_2d())
     }
 
     /// The lobes that occur anywhere in the scene.

@@ -129,6 +129,11 @@ impl Bounds {
         !self.min.cmple(self.max).all()
     }
 
+    /// `p` in units of the sphere around it.
+    pub fn relative(&self, p: Vec3) -> Vec3 {
+        (p - self.center()) / self.radius().max(f32::MIN_POSITIVE)
+    }
+
     /// Its middle.
     pub fn center(&self) -> Vec3 {
         self.min * 0.5 + self.max * 0.5
