@@ -75,7 +75,7 @@ fn photons(n: u64) {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell-diffuse.xml");
     let scene = scene::load(&file, &[], None).and_then(|d| Scene::new(d, available()[0]));
     let scene = scene.unwrap_or_else(|e| fail(&e.to_string()));
-    let shoot = |count| trace(&scene, 1, 0, Store::All, count, u32::MAX, None, None).photons;
+    let shoot = |count| trace(&scene, 1, 0, &Emission::new(Store::All, count, u32::MAX)).photons;
     let emitted = 1 << 16;
     let emitted = (n as f64 * emitted as f64 / shoot(emitted).len() as f64) as u64;
 

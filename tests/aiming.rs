@@ -4,27 +4,18 @@ mod common;
 
 use caustica::light::Targets;
 use caustica::math::{Ray, Sampler, Stream};
-use caustica::photon::{Guide, Splatter, Store, trace};
+use caustica::photon::{Emission, Guide, Splatter, Start, Store, trace};
 use caustica::scene::Scene;
 use common::{backends, load, mean_and_error, parse, shared};
 
 /// The share of emitted caustic photons whose first hit is sharp.
 fn share(scene: &Scene) -> f64 {
-    let guide = Guide::learn(scene);
+    let guide = Guide::learn(scene, 8);
     const N: u64 = 1 << 16;
     let aimed = (0..N).filter(|&index| {
         let mut sampler = Sampler::new(1, Stream::CausticPhotons, 0, index);
-        let (l, p, d) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
-        let u = [l, p.x, p.y, d.x, d.y];
-        let (u, _) = guide.as_ref().map_or((u, 1.0), |g| g.warp(u));
-        let start = scene.lights.sample_emission(
-            &scene.geometry,
-            &scene.textures,
-            &scene.casters,
-            u[0],
-            [u[1], u[2]].into(),
-            [u[3], u[4]].into(),
-        );
+        let (at, _) = Start::draw(&mut sampler, guide.as_ref());
+        let start = at.emit(scene, Store::Caustic);
         let hit = start.and_then(|start| scene.intersect(&Ray::new(start.o, start.d)));
         hit.is_some_and(|hit| scene.material(hit.shape).lobes().sharp)
     });
@@ -138,7 +129,8 @@ fn room(light: &str) -> Scene {
 /// What the caustic photons of one pass bring: to the picture's mean, and to the back and the front of the room.
 fn brought(scene: &Scene, guide: Option<&Guide>, pass: u32, count: u64) -> [f64; 3] {
     let splatter = Splatter { scene, hide_emitters: false };
-    let traced = trace(scene, 3, pass, Store::Caustic, count, 8, guide, Some(&splatter));
+    let emission = Emission { guide, splatter: Some(&splatter), ..Emission::new(Store::Caustic, count, 8) };
+    let traced = trace(scene, 3, pass, &emission);
     let half = |sign: f32| {
         let photons = traced.photons.iter().map(|packed| packed.unpack());
         let there = photons.filter(|photon| photon.p.z * sign > 0.0);
@@ -166,7 +158,7 @@ fn aiming_does_not_change_the_mean() {
     ];
     for light in lights {
         let mut scene = room(light);
-        let guide = Guide::learn(&scene);
+        let guide = Guide::learn(&scene, 8);
         assert!(guide.is_some());
         let passes = |scene: &Scene, guide: Option<&Guide>, count| {
             (0..24).map(|pass| brought(scene, guide, pass, count)).collect::<Vec<_>>()

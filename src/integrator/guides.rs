@@ -39,7 +39,7 @@ pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guid
     let few: Vec<(Guide, bool, u64)> = pixels
         .clone()
         .map_init(
-            || Scratch::new(&params),
+            || Scratch::new(Some(&maps)),
             |scratch, pixel| {
                 let mut rays = 0;
                 let samples: [Seen; FEW as usize] =
@@ -51,7 +51,7 @@ pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guid
         .collect();
     let (guides, rays): (Vec<Guide>, Vec<u64>) = pixels
         .map_init(
-            || Scratch::new(&params),
+            || Scratch::new(Some(&maps)),
             |scratch, pixel| {
                 let (x, y) = (pixel % width, pixel / width);
                 let (guide, is_doubtful, mut rays) = few[pixel];

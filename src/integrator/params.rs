@@ -36,6 +36,8 @@ pub struct Params {
     pub final_gather: bool,
     /// `regression`: pixels learn from neighbours that noise cannot tell apart from them (true).
     pub regression: bool,
+    /// `irradiance_cache`: gather rays may find irradiance that was estimated ahead, where that saves time (default).
+    pub irradiance_cache: bool,
     /// `direct`: direct light is taken by `sample` (default), from the `map`, or is `off`.
     pub direct: DirectLight,
     /// `alpha`: how fast the lookup radius shrinks from pass to pass, in (0, 1] where 1 keeps it (2/3).
@@ -63,6 +65,7 @@ impl Default for Params {
             kernel: Kernel::Epanechnikov,
             final_gather: true,
             regression: true,
+            irradiance_cache: true,
             direct: DirectLight::Sample,
             alpha: 2.0 / 3.0,
             max_depth: -1,
@@ -119,6 +122,7 @@ impl Params {
             }
             "final_gather" => self.final_gather = boolean(name, value)?,
             "regression" => self.regression = boolean(name, value)?,
+            "irradiance_cache" => self.irradiance_cache = boolean(name, value)?,
             "direct" => {
                 self.direct = match value.trim() {
                     "sample" => DirectLight::Sample,
@@ -144,7 +148,8 @@ impl Params {
             _ => {
                 return Err(Error::Usage(format!(
                     "unknown parameter '{name}': known are global_photons, caustic_photons, global_k, caustic_k, \
-                     global_radius, caustic_radius, kernel, final_gather, regression, direct, alpha, max_depth, rr_depth, hide_emitters"
+                     global_radius, caustic_radius, kernel, final_gather, regression, irradiance_cache, direct, \
+                     alpha, max_depth, rr_depth, hide_emitters"
                 )));
             }
         }
@@ -163,6 +168,7 @@ impl Params {
             kernel,
             final_gather,
             regression,
+            irradiance_cache,
             direct,
             alpha,
             max_depth,
@@ -180,6 +186,7 @@ impl Params {
             ("kernel", format!("{kernel:?}").to_lowercase()),
             ("final_gather", final_gather.to_string()),
             ("regression", regression.to_string()),
+            ("irradiance_cache", irradiance_cache.to_string()),
             ("direct", format!("{direct:?}").to_lowercase()),
             ("alpha", alpha.to_string()),
             ("max_depth", max_depth.to_string()),
@@ -192,6 +199,11 @@ impl Params {
     /// `max_depth` as a number of segments.
     pub fn max_segments(&self) -> u32 {
         if self.max_depth < 0 { u32::MAX } else { self.max_depth as u32 }
+    }
+
+    /// Most segments of a photon's path: the last one of all is the camera's.
+    pub(super) fn longest_flight(&self) -> u32 {
+        self.max_segments().saturating_sub(1)
     }
 }
 
@@ -211,6 +223,7 @@ mod tests {
             kernel: Kernel::Biweight,
             final_gather: false,
             regression: false,
+            irradiance_cache: false,
             direct: DirectLight::Off,
             alpha: 1.0 / 3.0,
             max_depth: 7,

@@ -6,7 +6,9 @@ use super::{DirectLight, Params, Parts, Seen};
 use crate::bsdf::{BsdfSample, Mode, Share};
 use crate::math::{Ray, Rgb, Sampler, luminance};
 use crate::photon::kdtree::KnnHeap;
-use crate::photon::{Estimator, Levels, Photon, PhotonMap, Photons, Splat, Splatter, Store, trace};
+use crate::photon::{
+    Emission, Estimator, Irradiance, Levels, Photon, PhotonMap, Photons, Splat, Splatter, Store, trace,
+};
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
 use std::time::Instant;
@@ -18,6 +20,8 @@ pub(super) struct Maps {
     global_estimator: Estimator,
     caustic_estimator: Estimator,
     final_gather: bool,
+    /// Irradiance for gather rays, and the longest photon paths in it.
+    irradiance: Option<(Irradiance, u32)>,
     /// Caustics that the camera sees directly, pixel by pixel.
     pub(super) splats: Vec<Splat>,
 }
@@ -40,54 +44,87 @@ fn shrink(alpha: f32, pass: u32) -> f32 {
     product.sqrt() as f32
 }
 
-/// The photon passes of one pass: what each stores, and how many paths it emits.
-fn photon_passes(plan: &Plan) -> [(Store, u64); 2] {
-    [(Store::All, plan.global_photons), (Store::Caustic, plan.caustic_photons)]
+/// A limit of path lengths, the same for all limits that no stored photon exceeds.
+fn depth_limit(segments: u32) -> u32 {
+    segments.min(PhotonMap::MAX_DEPTH)
+}
+
+/// How many photon paths choose the places where irradiance is estimated ahead; `None` if that would take longer than it
+/// saves.
+///
+/// Two places per disk of a lookup, which holds `k` photons, are near enough to each other. That takes 2/k of the paths
+/// that have `stored` the photons, and an estimate at each; there is about one gather ray per pixel to use them.
+fn sites(plan: &Plan, k: f32, stored: u64) -> Option<u64> {
+    let per_photon = 2.0 / k;
+    let pays = per_photon * stored as f32 <= 0.25 * plan.pixels as f32;
+    let count = (per_photon * plan.global_photons as f32) as u64;
+    (pays && count > 0).then_some(count)
+}
+
+/// The photon passes of one pass.
+fn photon_passes<'a>(params: &Params, plan: &'a Plan, splatter: Option<&'a Splatter>) -> [Emission<'a>; 2] {
+    let longest = params.longest_flight();
+    let caustic = Emission::new(Store::Caustic, plan.caustic_photons, longest);
+    [
+        Emission::new(Store::All, plan.global_photons, longest),
+        Emission { guide: plan.guide.as_ref(), splatter, ..caustic },
+    ]
 }
 
 /// The photons that pass number 0 stores, for looking at them; `true` marks those of the caustic map.
 pub(super) fn photons(scene: &Scene, params: &Params, plan: &Plan, seed: u64) -> Vec<(Photon, bool)> {
-    let trace = |(store, count)| {
-        let max_depth = params.max_segments().saturating_sub(1);
-        let guide = plan.guide.as_ref().filter(|_| store == Store::Caustic);
-        let photons = trace(scene, seed, 0, store, count, max_depth, guide, None).photons;
-        photons.into_iter().map(move |photon| (photon.unpack(), store == Store::Caustic))
+    let trace = |emission: Emission| {
+        let photons = trace(scene, seed, 0, &emission).photons;
+        photons.into_iter().map(move |photon| (photon.unpack(), emission.store == Store::Caustic))
     };
-    photon_passes(plan).into_iter().flat_map(trace).collect()
+    photon_passes(params, plan, None).into_iter().flat_map(trace).collect()
 }
 
 impl Maps {
     /// Shoots the photons of `pass` and builds its maps.
     pub(super) fn new(scene: &Scene, params: &Params, plan: &Plan, seed: u64, pass: u32) -> (Maps, MapStats) {
         let mut stats = MapStats::default();
-        // The camera's own segment is not the photons' to fly.
-        let max_depth = params.max_segments().saturating_sub(1);
         let splatter = Splatter { scene, hide_emitters: params.hide_emitters };
         let mut splats = Vec::new();
         let [(global, global_stored), (caustic, caustic_stored)] =
-            photon_passes(plan).map(|(store, count)| {
+            photon_passes(params, plan, Some(&splatter)).map(|emission| {
                 let start = Instant::now();
-                let splatter = (store == Store::Caustic).then_some(&splatter);
-                let guide = plan.guide.as_ref().filter(|_| store == Store::Caustic);
-                let traced = trace(scene, seed, pass, store, count, max_depth, guide, splatter);
+                let traced = trace(scene, seed, pass, &emission);
                 splats.extend(traced.splats);
                 stats.seconds_photons += start.elapsed().as_secs_f64();
                 let start = Instant::now();
                 let map = PhotonMap::of_packed(traced.photons);
                 stats.seconds_maps += start.elapsed().as_secs_f64();
                 stats.rays += traced.rays;
-                stats.emitted += count;
+                stats.emitted += emission.count;
                 let stored = map.len() as u64;
                 (map, stored)
             });
         (stats.global_stored, stats.caustic_stored) = (global_stored, caustic_stored);
         let shrink = shrink(params.alpha, pass);
-        let estimator =
-            |k, radius| Estimator { k, r_max: radius * plan.radius, shrink, kernel: params.kernel };
+        let estimator = |k, radius: f32| Estimator::new(k, radius * plan.radius, shrink, params.kernel);
+        let global_estimator = estimator(params.global_k, params.global_radius);
+        let irradiance = (params.final_gather && params.irradiance_cache)
+            .then(|| {
+                let start = Instant::now();
+                let k = global_estimator.effective_k();
+                let count = sites(plan, k, global.len() as u64)?;
+                let emission = Emission::new(Store::Sites, count, params.longest_flight());
+                let traced = trace(scene, seed, pass, &emission);
+                stats.rays += traced.rays;
+                // Most gather rays are their path's second segment.
+                let longest = depth_limit(params.max_segments().saturating_sub(2));
+                let what = Photons { depths: (1, longest), caustics: true };
+                let irradiance = Irradiance::new(&traced.sites, &global, &global_estimator, what);
+                stats.seconds_maps += start.elapsed().as_secs_f64();
+                Some((irradiance, longest))
+            })
+            .flatten();
         let maps = Maps {
             global,
             caustic,
-            global_estimator: estimator(params.global_k, params.global_radius),
+            global_estimator,
+            irradiance,
             caustic_estimator: estimator(params.caustic_k, params.caustic_radius),
             final_gather: params.final_gather,
             splats,
@@ -98,15 +135,18 @@ impl Maps {
 
 /// What a thread reuses from lookup to lookup.
 pub(super) struct Scratch {
+    nearest: KnnHeap,
     global: KnnHeap,
     caustic: KnnHeap,
 }
 
 impl Scratch {
-    pub(super) fn new(params: &Params) -> Scratch {
+    pub(super) fn new(maps: Option<&Maps>) -> Scratch {
+        let heap = |k: fn(&Maps) -> u32| KnnHeap::new(maps.map_or(0, k) as usize);
         Scratch {
-            global: KnnHeap::new(params.global_k as usize),
-            caustic: KnnHeap::new(params.caustic_k as usize),
+            nearest: KnnHeap::new(1),
+            global: heap(|maps| maps.global_estimator.k),
+            caustic: heap(|maps| maps.caustic_estimator.k),
         }
     }
 }
@@ -248,7 +288,7 @@ impl Eye<'_> {
         let (mut caustic, mut indirect) = (Levels::default(), Levels::default());
         let mut direct = Rgb::ZERO;
         if walk.gathering {
-            indirect.fine = self.maps.gather(s, -walk.ray.d, segments_left, scratch);
+            indirect.fine = self.maps.gather(s, &walk.ray, segments_left, scratch);
         } else {
             (caustic, indirect) = self.maps.seen(self.params, s, -walk.ray.d, segments_left, scratch);
             if walk.depth == 1 {
@@ -355,10 +395,21 @@ impl Maps {
     }
 
     /// Radiance from a gather ray's hit: all light that arrives there and leaves by broad lobes.
-    fn gather(&self, s: &Surface, wo: Vec3, max_depth: u32, scratch: &mut Scratch) -> Rgb {
+    fn gather(&self, s: &Surface, ray: &Ray, max_depth: u32, scratch: &mut Scratch) -> Rgb {
+        let (wo, max_depth) = (-ray.d, depth_limit(max_depth));
+        let ahead = self.irradiance.as_ref().filter(|(_, longest)| *longest == max_depth);
+        if let (Some((irradiance, _)), Some(f)) = (ahead, s.bsdf.diffuse_only()) {
+            if !s.bsdf.scatters_on(s.frame.to_local(wo)) {
+                return Rgb::ZERO;
+            }
+            let distance = (s.p - ray.o).length();
+            if let Some(e) = irradiance.near(s, wo, distance, &mut scratch.nearest) {
+                return f * e;
+            }
+        }
         let what = Photons { depths: (1, max_depth), caustics: true };
         let heap = &mut scratch.global;
-        self.global_estimator.radiance(&self.global, s, wo, Share::BroadLight, what, heap).wide
+        self.global_estimator.radiance(&self.global, s, wo, Share::BroadLight, what, false, heap).wide
     }
 
     /// What the caustic map and the global map show at a vertex that the eye sees.
@@ -377,8 +428,8 @@ impl Maps {
         let others = Photons { depths: (if direct { 1 } else { 2 }, max_depth), caustics: false };
         let (global, caustic) = (&self.global_estimator, &self.caustic_estimator);
         (
-            caustic.radiance(&self.caustic, s, wo, share, caustics, &mut scratch.caustic),
-            global.radiance(&self.global, s, wo, share, others, &mut scratch.global),
+            caustic.radiance(&self.caustic, s, wo, share, caustics, true, &mut scratch.caustic),
+            global.radiance(&self.global, s, wo, share, others, true, &mut scratch.global),
         )
     }
 

@@ -13,6 +13,8 @@ pub(super) struct Plan {
     pub(super) caustic_photons: u64,
     /// Where caustic photons are worth emitting; not before [`Plan::learn`].
     pub(super) guide: Option<Guide>,
+    /// Pixels of the film.
+    pub(super) pixels: u64,
     /// Radius of the scene, which relative lookup radii refer to.
     pub(super) radius: f32,
     /// What is skipped.
@@ -32,6 +34,7 @@ impl Plan {
             global_photons: auto(params.global_photons, 1),
             caustic_photons: auto(params.caustic_photons, 1),
             guide: None,
+            pixels,
             radius: scene.bounds.radius(),
             skipped: Vec::new(),
         };
@@ -68,7 +71,7 @@ impl Plan {
     /// Sends a few photons ahead. What they find depends on the scene alone, so all passes go by the same.
     pub(super) fn learn(&mut self, scene: &Scene, params: &Params) {
         if self.caustic_photons > 0 {
-            self.guide = Guide::learn(scene);
+            self.guide = Guide::learn(scene, params.longest_flight());
             if self.guide.is_none() && params.skip && params.caustic_photons == 0 {
                 // None found a caster, so few are worth sending after them. Not none: that would prove nothing.
                 self.caustic_photons = self.caustic_photons.div_ceil(16);

@@ -362,7 +362,7 @@ impl State {
                 out.layers[layer::SCALARS] = Rgb::new(seen.depth, seen.density, 0.0);
             }
         };
-        let rows = self.film.add_pass(index, || (Scratch::new(params), 0), pixel);
+        let rows = self.film.add_pass(index, || (Scratch::new(maps.as_ref()), 0), pixel);
         stats.rays += rows.iter().map(|(_, rays)| rays).sum::<u64>();
         let layer = options.aovs.then_some(layer::CAUSTIC[1]);
         for splat in splats {

@@ -16,6 +16,8 @@ pub enum Stream {
     Guides = 4,
     /// Photons that are sent ahead to learn where caustics come from.
     Pilots = 5,
+    /// Photon paths that only show where light lands.
+    Sites = 6,
 }
 
 /// One point of a low-discrepancy set, read dimension by dimension.

@@ -1,16 +1,20 @@
 //! Which of the random numbers that a photon starts from are worth drawing: those whose photons meet something sharp
-//! first. Targets ([`crate::light::Targets`]) bound where that is and know nothing of what stands in the way, of lamps that
-//! turn away, or of the gaps in what they bound; a few photons sent ahead find out.
+//! first, and most of all those that the camera sees thereafter. Targets ([`crate::light::Targets`]) bound where the former
+//! are and know nothing of what stands in the way, of lamps that turn away, or of the gaps in what they bound; a few photons
+//! sent ahead find out. The choice among lights is one of these numbers, so the one lamp of many whose caustic is seen
+//! gets the photons.
 //!
 //! The five numbers of [`crate::light::Lights::sample_emission`] (light, position, direction) are the coordinates of a unit
 //! cube. A tree halves it where that tells useful from useless (as the spatial trees of Müller et al. 2017, "Practical Path
 //! Guiding", but over random numbers: Guo et al. 2018, "Primary Sample Space Path Guiding"), and its leaves are drawn
-//! from by the flux they have brought to sharp surfaces, so photons also become equally bright. A share of the density is
+//! from by what they have brought, so photons also become equally bright. A share of the density is
 //! uniform, so it is positive wherever a photon can start, and known exactly, so nothing is biased whatever was learnt.
 
+use super::importance::Importance;
+use super::kdtree::KnnHeap;
+use super::trace::{Emission, Start, Store, Traced, fly};
 use crate::math::{Ray, Sampler, Stream, luminance};
 use crate::scene::Scene;
-use glam::vec2;
 use rayon::prelude::*;
 
 /// Coordinates: light, position, direction.
@@ -18,7 +22,9 @@ const AXES: usize = 5;
 /// The share of photons that are emitted as if nothing had been learnt.
 const UNIFORM: f32 = 0.05;
 /// Rounds of photons sent ahead; each draws by what the one before has learnt.
-const ROUNDS: [u64; 3] = [1 << 14, 1 << 14, 1 << 16];
+const ROUNDS: [u64; 3] = [1 << 13, 1 << 14, 1 << 15];
+/// How much what the camera sees decides; the rest is for what it may have overlooked.
+const SEEN: f32 = 0.75;
 /// Nodes of fewer photons are not divided.
 const MIN_PHOTONS: usize = 48;
 /// What is known of a node without any photons weighs as much as so many.
@@ -45,46 +51,89 @@ struct Node {
     prob: f32,
 }
 
+/// What a photon sent ahead has found.
+struct Sent {
+    at: Start,
+    /// 1 / density.
+    weight: f32,
+    /// Its flux if it has met something sharp.
+    aimed: f32,
+    /// What of it the camera sees.
+    seen: f32,
+}
+
+impl Sent {
+    fn new(
+        scene: &Scene,
+        sampler: &mut Sampler,
+        emission: &Emission,
+        importance: &Importance,
+        heap: &mut KnnHeap,
+    ) -> Sent {
+        let (at, weight) = Start::draw(sampler, emission.guide);
+        let mut sent = Sent { at, weight, aimed: 0.0, seen: 0.0 };
+        let Some(start) = at.emit(scene, Store::Caustic) else { return sent };
+        let Some(hit) = scene.intersect(&Ray::new(start.o, start.d)) else { return sent };
+        // What lands first from a beam is a caustic already.
+        if scene.material(hit.shape).lobes().sharp || scene.lights.is_beam(start.light) {
+            let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
+            let mut traced = Traced::default();
+            fly(scene, &start, 1.0, sampler, emission, &mut traced);
+            sent.aimed = finite(luminance(start.flux));
+            sent.seen = finite(traced.photons.iter().map(|photon| importance.shown(photon, heap)).sum());
+        }
+        sent
+    }
+}
+
+/// What each photon was worth: to meet something sharp, and more to be seen thereafter.
+fn worth(sent: &[Sent]) -> Vec<Pilot> {
+    let total = |of: fn(&Sent) -> f32| sent.iter().map(|s| s.weight * of(s)).sum::<f32>();
+    let (aimed, seen) = (total(|s| s.aimed), total(|s| s.seen));
+    let relative = |x: f32, total: f32| if total > 0.0 { x / total } else { 0.0 };
+    sent.iter()
+        .map(|s| Pilot {
+            at: s.at.0,
+            weight: s.weight,
+            worth: (1.0 - SEEN) * relative(s.aimed, aimed) + SEEN * relative(s.seen, seen),
+        })
+        .collect()
+}
+
 /// A photon sent ahead.
 #[derive(Clone, Copy)]
 struct Pilot {
     at: [f32; AXES],
     /// 1 / density.
     weight: f32,
-    /// Its flux if it has met something sharp.
-    flux: f32,
+    /// What it is worth: flux that meets something sharp, and flux that the camera sees as a caustic, each relative to
+    /// the total of all pilots.
+    worth: f32,
 }
 
 impl Guide {
-    /// Learns where caustics come from. `None` if no photon found anything sharp. The same for any number of threads.
-    pub fn learn(scene: &Scene) -> Option<Guide> {
+    /// Learns where caustics come from and which are seen. `None` if no photon found anything sharp. The same for any
+    /// number of threads.
+    pub fn learn(scene: &Scene, max_depth: u32) -> Option<Guide> {
+        let importance = Importance::new(scene);
         let mut guide: Option<Guide> = None;
         for (round, count) in ROUNDS.into_iter().enumerate() {
-            let send = |index| Self::send(scene, guide.as_ref(), round as u64, index);
-            let mut pilots: Vec<Pilot> = (0..count).into_par_iter().map(send).collect();
+            let emission =
+                Emission { guide: guide.as_ref(), ..Emission::new(Store::Caustic, count, max_depth) };
+            let sent: Vec<Sent> = (0..count)
+                .into_par_iter()
+                .map_init(
+                    || KnnHeap::new(Importance::K),
+                    |heap, index| {
+                        let mut sampler = Sampler::new(0, Stream::Pilots, round as u64, index);
+                        Sent::new(scene, &mut sampler, &emission, &importance, heap)
+                    },
+                )
+                .collect();
+            let mut pilots = worth(&sent);
             guide = Self::of(&mut pilots);
         }
         guide
-    }
-
-    fn send(scene: &Scene, guide: Option<&Guide>, round: u64, index: u64) -> Pilot {
-        let mut sampler = Sampler::new(0, Stream::Pilots, round, index);
-        let (light, position, direction) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
-        let u = [light, position.x, position.y, direction.x, direction.y];
-        let (at, weight) = guide.map_or((u, 1.0), |guide| guide.warp(u));
-        let flux = Self::useful_flux(scene, at).filter(|flux| flux.is_finite());
-        Pilot { at, weight, flux: flux.unwrap_or(0.0) }
-    }
-
-    /// Flux of the photon that starts from these random numbers if it can become part of a caustic.
-    fn useful_flux(scene: &Scene, [light, x, y, s, t]: [f32; AXES]) -> Option<f32> {
-        let (lights, geometry, textures) = (&scene.lights, &scene.geometry, &scene.textures);
-        let start =
-            lights.sample_emission(geometry, textures, &scene.casters, light, vec2(x, y), vec2(s, t))?;
-        let hit = scene.intersect(&Ray::new(start.o, start.d))?;
-        // What lands first from a beam is a caustic already.
-        let useful = scene.material(hit.shape).lobes().sharp || lights.is_beam(start.light);
-        useful.then(|| luminance(start.flux))
     }
 
     fn of(pilots: &mut [Pilot]) -> Option<Guide> {
@@ -179,7 +228,7 @@ fn grow(
 /// where none of a few photons was useful, the next one may be, and would be blinding if it were thought impossible.
 fn mean(pilots: &[Pilot], around: f32) -> f32 {
     let (flux, weight) =
-        pilots.iter().fold((0.0, 0.0), |(flux, weight), p| (flux + p.flux * p.weight, weight + p.weight));
+        pilots.iter().fold((0.0, 0.0), |(flux, weight), p| (flux + p.worth * p.weight, weight + p.weight));
     let n = pilots.len() as f32;
     if weight > 0.0 { (n * flux / weight + PRIOR * around) / (n + PRIOR) } else { around }
 }
@@ -190,7 +239,7 @@ fn gain(pilots: &[Pilot], axis: usize, low: f32, size: f32) -> f32 {
     for p in pilots {
         let part = ((p.at[axis] - low) * (PARTS as f32 / size)) as usize;
         let (flux, weight) = &mut parts[part.min(PARTS - 1)];
-        *flux += p.flux * p.weight;
+        *flux += p.worth * p.weight;
         *weight += p.weight;
     }
     let means = parts.map(|(flux, weight)| if weight > 0.0 { flux / weight } else { 0.0 });

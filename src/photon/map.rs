@@ -96,6 +96,9 @@ pub struct PhotonMap {
 }
 
 impl PhotonMap {
+    /// No photon is told to have flown more segments.
+    pub const MAX_DEPTH: u32 = !CAUSTIC as u32;
+
     /// Builds the map; the order of `photons` decides ties, so equal input gives equal maps.
     pub fn new(photons: &[Photon]) -> PhotonMap {
         PhotonMap::of_packed(photons.iter().map(|&photon| photon.into()).collect())
