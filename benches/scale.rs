@@ -8,7 +8,7 @@
 use caustica::accel::{available, build};
 use caustica::math::{Ray, Sampler, Stream, warp};
 use caustica::photon::kdtree::KnnHeap;
-use caustica::photon::{PhotonMap, Store, trace};
+use caustica::photon::{Emission, PhotonMap, Store, trace};
 use caustica::scene::{self, Scene};
 use caustica::shape::{Geometry, Mesh, Shape};
 use glam::Vec3;
