@@ -103,6 +103,8 @@ struct Seen {
     density: f32,
     /// What of the sample's radiance lights send to the camera themselves, by delta lobes at most.
     emitted: Rgb,
+    /// Whether it has met a smooth interface.
+    smooth: bool,
     /// What it sees first through whatever is sharp.
     features: Features,
 }

@@ -177,6 +177,9 @@ struct Walk {
     previous: Previous,
 }
 
+/// The least throughput of a path that is followed beside another one from the same interface.
+const DIMMEST: f32 = 1e-3;
+
 /// Camera paths over the maps of one pass.
 pub(super) struct Eye<'a> {
     pub(super) scene: &'a Scene,
@@ -191,8 +194,8 @@ impl Eye<'_> {
     ///
     /// The path follows sharp lobes, and at every vertex that scatters light into them by broad lobes too it collects
     /// direct light and caustics. When it first leaves by a broad lobe it has become a gather ray: what it now meets
-    /// is taken from the global map, through any sharp lobes on the way. At the first vertex both lobes of a smooth
-    /// interface are followed.
+    /// is taken from the global map, through any sharp lobes on the way. Both lobes of a smooth interface are followed, as
+    /// long as neither is too dim: seen by chance, a lamp's reflection within glass would be rare and blinding.
     pub(super) fn radiance(
         &self,
         ray: Ray,
@@ -202,7 +205,7 @@ impl Eye<'_> {
         rays: &mut u64,
     ) -> [Parts; 2] {
         let mut sum = [Parts::default(); 2];
-        let mut pending = None;
+        let mut pending = Vec::new();
         let mut next = Some(Walk {
             ray,
             depth: 1,
@@ -217,8 +220,9 @@ impl Eye<'_> {
             eta: 1.0,
             previous: Previous { p: ray.o, pdf_w: None },
         });
-        while let Some(mut walk) = next.or_else(|| pending.take()) {
+        while let Some(mut walk) = next.or_else(|| pending.pop()) {
             *rays += 1;
+            seen.smooth |= walk.delta && walk.depth > 1;
             let hit = match walk.depth {
                 1 => direct::first_hit(self.scene, self.params, walk.ray, rays),
                 _ => self.scene.hit(&walk.ray),
@@ -258,8 +262,10 @@ impl Eye<'_> {
             let here = self.collect(&walk, &s, wo, sampler, scratch, rays);
             sum.iter_mut().zip(here).for_each(|(sum, here)| *sum += here);
             next = match s.bsdf.split(wo, Mode::Radiance) {
-                Some([a, b]) if walk.depth == 1 => {
-                    pending = self.scatter(&walk, &s, wo, &a, sampler);
+                Some([a, b])
+                    if walk.delta && (walk.beta * a.weight.min(b.weight)).max_element() >= DIMMEST =>
+                {
+                    pending.extend(self.scatter(&walk, &s, wo, &a, sampler));
                     self.scatter(&walk, &s, wo, &b, sampler)
                 }
                 _ => s
