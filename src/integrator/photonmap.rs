@@ -385,7 +385,9 @@ impl Eye<'_> {
         let mut survives = largest > 0.0; // false for NaN
         if survives && walk.depth >= self.params.rr_depth {
             // eta² undoes the scaling of radiance inside glass, which says nothing about what the path will find.
-            let prob = (largest * next.eta * next.eta).min(0.95);
+            // A branch that was followed for certain stays as dim as it is.
+            let followed = next.delta && largest >= DIMMEST;
+            let prob = if followed { 0.95 } else { (largest * next.eta * next.eta).min(0.95) };
             survives = sampler.next_1d() < prob;
             next.beta /= prob;
             next.beta_emitted /= prob;
