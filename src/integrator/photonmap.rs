@@ -177,6 +177,14 @@ struct Walk {
     previous: Previous,
 }
 
+impl Walk {
+    /// How much throughput `beta` counts for: eta² undoes the scaling of radiance inside glass, which says nothing about what
+    /// the path will find.
+    fn shown(&self, beta: Rgb) -> f32 {
+        beta.max_element() * self.eta * self.eta
+    }
+}
+
 /// The least throughput of a path that is followed beside another one from the same interface.
 const DIMMEST: f32 = 1e-3;
 
@@ -262,9 +270,7 @@ impl Eye<'_> {
             let here = self.collect(&walk, &s, wo, sampler, scratch, rays);
             sum.iter_mut().zip(here).for_each(|(sum, here)| *sum += here);
             next = match s.bsdf.split(wo, Mode::Radiance) {
-                Some([a, b])
-                    if walk.delta && (walk.beta * a.weight.min(b.weight)).max_element() >= DIMMEST =>
-                {
+                Some([a, b]) if walk.delta && walk.shown(walk.beta * a.weight.min(b.weight)) >= DIMMEST => {
                     pending.extend(self.scatter(&walk, &s, wo, &a, sampler));
                     self.scatter(&walk, &s, wo, &b, sampler)
                 }
@@ -381,13 +387,11 @@ impl Eye<'_> {
             }
         }
 
-        let largest = next.beta.max(next.beta_emitted).max_element();
-        let mut survives = largest > 0.0; // false for NaN
+        let shown = next.shown(next.beta.max(next.beta_emitted));
+        let mut survives = shown > 0.0; // false for NaN
         if survives && walk.depth >= self.params.rr_depth {
-            // eta² undoes the scaling of radiance inside glass, which says nothing about what the path will find.
             // A branch that was followed for certain stays as dim as it is.
-            let followed = next.delta && largest >= DIMMEST;
-            let prob = if followed { 0.95 } else { (largest * next.eta * next.eta).min(0.95) };
+            let prob = if next.delta && shown >= DIMMEST { 0.95 } else { shown.min(0.95) };
             survives = sampler.next_1d() < prob;
             next.beta /= prob;
             next.beta_emitted /= prob;
