@@ -140,6 +140,15 @@ impl Scene {
     /// # Errors
     /// [`Error::Usage`] if the build lacks `backend`, [`Error::Runtime`] if building the structure fails.
     pub fn new(d: SceneDescription, backend: Backend) -> Result<Scene> {
+        let intersector = accel::build(backend, &d.geometry)?;
+        Scene::with_intersector(d, intersector)
+    }
+
+    /// The same with an `intersector` over the description's geometry that exists already.
+    ///
+    /// # Errors
+    /// [`Error::Runtime`] if shapes and materials don't match.
+    pub fn with_intersector(d: SceneDescription, intersector: Box<dyn Intersector>) -> Result<Scene> {
         let bounds = d.geometry.bounds();
         let lights = Lights::new(d.lights, &d.geometry, &d.textures);
         let mut shape_light = vec![None; d.geometry.shapes.len()];
@@ -168,7 +177,6 @@ impl Scene {
             }
         };
         let shape_wanted = d.shape_material.iter().zip(&shape_light).map(wanted).collect();
-        let intersector = accel::build(backend, &d.geometry)?;
         let facets = Facets::new(&d.geometry);
         Ok(Scene {
             geometry: d.geometry,
