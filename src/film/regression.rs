@@ -168,8 +168,9 @@ fn smooth_tile(
                 }
                 let first = (-(x0 + dx)).clamp(0, N as isize) as usize;
                 let last = (width as isize - (x0 + dx)).clamp(0, N as isize) as usize;
-                w[..first].fill(0.0);
-                w[last.max(first)..].fill(0.0);
+                let within = first..last.max(first);
+                w[..within.start].fill(0.0);
+                w[within.end..].fill(0.0);
                 if w == [0.0; N] {
                     continue;
                 }
@@ -194,10 +195,11 @@ fn smooth_tile(
                         wx[i] = w[i] * x[k][i];
                     }
                     for other in x[..=k].iter().chain(values) {
-                        let sum = &mut sums[entry];
-                        for i in 0..N {
-                            sum[i] += wx[i] * other[i];
-                        }
+                        add_product(
+                            &mut sums[entry][within.clone()],
+                            &wx[within.clone()],
+                            &other[within.clone()],
+                        );
                         entry += 1;
                     }
                 }
@@ -206,6 +208,14 @@ fn smooth_tile(
     }
     let pixel = |i: usize| constant(&std::array::from_fn(|entry| sums[i / N][entry][i % N]));
     (0..N * TILE[1]).map(pixel).collect()
+}
+
+/// Over slices: a loop of fixed length would be unrolled, and then not vectorised.
+#[inline(always)]
+fn add_product(sum: &mut [f32], a: &[f32], b: &[f32]) {
+    for ((sum, a), b) in sum.iter_mut().zip(a).zip(b) {
+        *sum += a * b;
+    }
 }
 
 /// The constant of the regression: by Cholesky decomposition, where the last unknown is known first.
