@@ -91,7 +91,7 @@ fn check(geometry: &Geometry) -> Result<()> {
             _ => 1,
         };
     }
-    if primitives > u32::MAX as usize / 2 {
+    if primitives > 1 << 30 {
         return Err(Error::Usage(format!("{primitives} primitives are too many")));
     }
     Ok(())
