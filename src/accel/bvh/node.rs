@@ -88,11 +88,9 @@ pub(super) static ORDER: [[u64; 256]; 8] = {
                 rank -= 1;
                 let slot = rank ^ octant;
                 if mask >> slot & 1 == 1 {
-                    bytes |= (slot as u64) << (8 * count);
+                    // In place of a nearest one so far, in the last byte.
+                    bytes = bytes & !(0xff << 56) | (slot as u64) << 56 | (slot as u64) << (8 * count);
                     count += 1;
-                    if count < 8 {
-                        bytes = bytes & !(0xff << 56) | (slot as u64) << 56;
-                    }
                 }
             }
             table[octant][mask] = bytes;
