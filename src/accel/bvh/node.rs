@@ -122,12 +122,11 @@ impl<S: Simd> Slabs<S> {
     #[inline(always)]
     pub(super) fn new(s: S, ray: &Ray) -> Slabs<S> {
         let inverse = ray.d.recip();
-        let near = [inverse.x, inverse.y, inverse.z].map(|x| (x < 0.0) as usize);
-        let splat = |v: Vec3| [s.splat(v.x), s.splat(v.y), s.splat(v.z)];
+        let near = [(inverse.x < 0.0) as usize, (inverse.y < 0.0) as usize, (inverse.z < 0.0) as usize];
         Slabs {
-            o: splat(ray.o),
-            inverse: splat(inverse),
-            inverse_far: splat(inverse * Self::SLACK),
+            o: splat(s, ray.o),
+            inverse: splat(s, inverse),
+            inverse_far: splat(s, inverse * Self::SLACK),
             t_min: s.splat(ray.t_min),
             near,
             octant: near[0] | near[1] << 1 | near[2] << 2,
@@ -147,4 +146,9 @@ impl<S: Simd> Slabs<S> {
         }
         (s.at_most(enter, leave), enter)
     }
+}
+
+#[inline(always)]
+fn splat<S: Simd>(s: S, v: Vec3) -> [S::F; 3] {
+    [s.splat(v.x), s.splat(v.y), s.splat(v.z)]
 }

@@ -14,14 +14,6 @@ use std::mem::MaybeUninit;
 /// A node leaves at most seven children behind on the way down, and eight lanes are written at a time.
 const STACK: usize = 7 * MAX_DEPTH as usize + 8;
 
-/// Children still to visit, and where the ray enters them.
-struct Stack {
-    refs: [MaybeUninit<u32>; STACK],
-    enters: [MaybeUninit<f32>; STACK],
-    /// How many there are; what lies below is initialised.
-    height: usize,
-}
-
 fn eight<T>(from: &mut [T; STACK], start: usize) -> &mut Lanes<T> {
     from[start..].first_chunk_mut().expect("the tree is no deeper than MAX_DEPTH")
 }
@@ -39,8 +31,10 @@ pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> 
     let mut limit = ray.t_max * Slabs::<S>::SLACK;
     let mut t_max = s.splat(limit);
     let mut best: Option<(Ref, super::triangle::Found)> = None;
-    let mut stack =
-        Stack { refs: [MaybeUninit::uninit(); STACK], enters: [MaybeUninit::uninit(); STACK], height: 0 };
+    // Children still to visit and where the ray enters them, initialised below the height.
+    let mut refs = [MaybeUninit::uninit(); STACK];
+    let mut enters = [MaybeUninit::uninit(); STACK];
+    let mut height = 0;
     let mut current = Ref::node(0);
     loop {
         if current.is_node() {
@@ -48,12 +42,12 @@ pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> 
             let (mask, enter) = slabs.enter(s, node, t_max);
             if mask != 0 {
                 let order = order[mask as usize % 256];
-                s.permute(&node.children, order, eight(&mut stack.refs, stack.height));
+                s.permute(&node.children, order, eight(&mut refs, height));
                 if !ANY {
-                    s.permute_floats(enter, order, eight(&mut stack.enters, stack.height));
+                    s.permute_floats(enter, order, eight(&mut enters, height));
                 }
                 // The nearest one, on top, is next.
-                stack.height += mask.count_ones() as usize - 1;
+                height += mask.count_ones() as usize - 1;
                 current = Ref(node.children[(order >> 56) as usize % 8]);
                 continue;
             }
@@ -77,15 +71,15 @@ pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> 
             }
         }
         loop {
-            if stack.height == 0 {
+            if height == 0 {
                 return best.map(|(leaf, found)| bvh.hit(leaf, &found));
             }
-            stack.height -= 1;
+            height -= 1;
             // SAFETY: initialised, as it lies below the height.
-            let enters = ANY || unsafe { stack.enters[stack.height].assume_init() } <= limit;
-            if enters {
+            let is_near = ANY || unsafe { enters[height].assume_init() } <= limit;
+            if is_near {
                 // SAFETY: as above.
-                current = Ref(unsafe { stack.refs[stack.height].assume_init() });
+                current = Ref(unsafe { refs[height].assume_init() });
                 break;
             }
         }

@@ -62,13 +62,28 @@ impl<S: Simd> Shear<S> {
     pub(super) fn new(s: S, ray: &Ray) -> Shear<S> {
         let z = ray.d.abs().max_position();
         let axes = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][z];
-        let [x, y, z] = axes.map(|axis| ray.d[axis]);
+        let (o, d) = (ray.o.to_array(), ray.d.to_array());
+        let [x, y, z] = [d[axes[0]], d[axes[1]], d[axes[2]]];
         // Finite, so that nothing below is NaN.
         let inverse = (1.0 / z).clamp(f32::MIN, f32::MAX);
         Shear {
-            o: axes.map(|axis| s.splat(ray.o[axis])),
+            o: [s.splat(o[axes[0]]), s.splat(o[axes[1]]), s.splat(o[axes[2]])],
             axes,
             s: [s.splat(x / z), s.splat(y / z), s.splat(inverse)],
+        }
+    }
+
+    // Closures would not be inlined into what is compiled for AVX2, hence functions.
+
+    #[inline(always)]
+    fn shear(&self, s: S, vertices: &[Lanes<f32>; 3]) -> Sheared<S> {
+        let x = s.sub(s.load(&vertices[self.axes[0]]), self.o[0]);
+        let y = s.sub(s.load(&vertices[self.axes[1]]), self.o[1]);
+        let z = s.sub(s.load(&vertices[self.axes[2]]), self.o[2]);
+        Sheared {
+            x: s.sub(x, s.mul(self.s[0], z)),
+            y: s.sub(y, s.mul(self.s[1], z)),
+            depth: s.mul(self.s[2], z),
         }
     }
 
@@ -82,40 +97,32 @@ impl<S: Simd> Shear<S> {
         ray: &mut Ray,
         t_max: S::F,
     ) -> Option<Found> {
-        let at = |vertex: usize, axis: usize| {
-            s.sub(s.load(&packet.vertices[vertex][self.axes[axis]]), self.o[axis])
-        };
-        let z = [at(0, 2), at(1, 2), at(2, 2)];
-        let x = [0, 1, 2].map(|i| s.sub(at(i, 0), s.mul(self.s[0], z[i])));
-        let y = [0, 1, 2].map(|i| s.sub(at(i, 1), s.mul(self.s[1], z[i])));
-        let edge = |i: usize, j: usize| s.sub(s.mul(x[i], y[j]), s.mul(y[i], x[j]));
-        let (u, v, w) = (edge(2, 1), edge(0, 2), edge(1, 0));
+        let a = self.shear(s, &packet.vertices[0]);
+        let b = self.shear(s, &packet.vertices[1]);
+        let c = self.shear(s, &packet.vertices[2]);
+        let (u, v, w) = (edge(s, &c, &b), edge(s, &a, &c), edge(s, &b, &a));
         // Of one sign, zeros apart. In this order NaN, of overflow, is of either sign.
         let zero = s.splat(0.0);
         let least = s.min(u, s.min(v, s.min(w, s.splat(f32::INFINITY))));
         let most = s.max(u, s.max(v, s.max(w, s.splat(f32::NEG_INFINITY))));
         let inside = s.at_most(zero, least) | s.at_most(most, zero);
-        let depths = z.map(|z| s.mul(z, self.s[2]));
-        let nearest = s.min(depths[0], s.min(depths[1], depths[2]));
+        let nearest = s.min(a.depth, s.min(b.depth, c.depth));
         let mut mask = inside & s.at_most(nearest, t_max);
         if mask == 0 {
             return None;
         }
-        let (x, y) = (x.map(|x| s.store(x)), y.map(|y| s.store(y)));
+        let x = [s.store(a.x), s.store(b.x), s.store(c.x)];
+        let y = [s.store(a.y), s.store(b.y), s.store(c.y)];
         let (u, v, w) = (s.store(u), s.store(v), s.store(w));
         let mut found = None;
         while mask != 0 {
             let lane = mask.trailing_zeros() as usize;
             mask &= mask - 1;
-            let (mut u, mut v, mut w) = (u[lane] as f64, v[lane] as f64, w[lane] as f64);
+            let (mut u, mut v, mut w) = (u[lane], v[lane], w[lane]);
             if u == 0.0 || v == 0.0 || w == 0.0 || !(u + v + w).is_finite() {
-                // Which side of an edge only f64 can tell, where the products are exact and do not overflow.
-                let (x, y) = (x.map(|x| x[lane] as f64), y.map(|y| y[lane] as f64));
-                let edge = |i: usize, j: usize| x[i] * y[j] - y[i] * x[j];
-                (u, v, w) = (edge(2, 1), edge(0, 2), edge(1, 0));
-                let inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
-                if !inside {
-                    continue;
+                match exact([0, 1, 2].map(|i| [x[i][lane], y[i][lane]])) {
+                    Some(weights) => [u, v, w] = weights,
+                    None => continue,
                 }
             }
             let t = plane_distance(&packet.triangle(lane), ray);
@@ -123,7 +130,7 @@ impl<S: Simd> Shear<S> {
             if t > ray.t_min && t < ray.t_max {
                 let inverse = 1.0 / (u + v + w);
                 ray.t_max = t;
-                found = Some(Found { t, u: (v * inverse) as f32, v: (w * inverse) as f32, lane });
+                found = Some(Found { t, u: v * inverse, v: w * inverse, lane });
                 if ANY {
                     break;
                 }
@@ -131,4 +138,29 @@ impl<S: Simd> Shear<S> {
         }
         found
     }
+}
+
+/// Vertices seen along the ray.
+struct Sheared<S: Simd> {
+    x: S::F,
+    y: S::F,
+    /// Distance along the ray.
+    depth: S::F,
+}
+
+/// Twice the signed area between the ray and two vertices.
+#[inline(always)]
+fn edge<S: Simd>(s: S, a: &Sheared<S>, b: &Sheared<S>) -> S::F {
+    s.sub(s.mul(a.x, b.y), s.mul(a.y, b.x))
+}
+
+/// The weights of three vertices, up to a factor, if the ray passes between them. On which side of an edge it passes
+/// only f64 can tell where f32 says 0 or overflows: the products are exact there.
+#[cold]
+fn exact([a, b, c]: [[f32; 2]; 3]) -> Option<[f32; 3]> {
+    let edge = |a: [f32; 2], b: [f32; 2]| a[0] as f64 * b[1] as f64 - a[1] as f64 * b[0] as f64;
+    let weights = [edge(c, b), edge(a, c), edge(b, a)];
+    let inside = weights.iter().all(|&w| w >= 0.0) || weights.iter().all(|&w| w <= 0.0);
+    let scale = weights.iter().fold(0.0, |max: f64, w| max.max(w.abs()));
+    inside.then(|| weights.map(|w| (w / scale) as f32))
 }
