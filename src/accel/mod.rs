@@ -68,7 +68,7 @@ pub fn build(backend: Backend, geometry: &Geometry) -> Result<Box<dyn Intersecto
         #[cfg(feature = "embree")]
         Backend::Embree => Ok(Box::new(embree::Embree::new(geometry)?)),
         #[cfg(feature = "bvh")]
-        Backend::Bvh => Ok(Box::new(bvh::Bvh::new(geometry))),
+        Backend::Bvh => Ok(Box::new(bvh::Bvh::new(geometry)?)),
         #[allow(unreachable_patterns)]
         _ => Err(Error::Usage(format!("this build has no backend '{}'", backend.name()))),
     }

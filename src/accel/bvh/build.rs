@@ -25,6 +25,13 @@ pub(super) struct Item {
 }
 
 impl Item {
+    /// Stands for what is not finite.
+    pub(super) const BROKEN: Item = Item { lower: Vec4::NAN, upper: Vec4::NAN };
+
+    pub(super) fn is_broken(&self) -> bool {
+        self.lower.x.is_nan()
+    }
+
     pub(super) fn triangle(bounds: Bounds, index: u32) -> Item {
         Item { lower: bounds.min.extend(Item::coded(index)), upper: bounds.max.extend(0.0) }
     }
@@ -98,13 +105,13 @@ pub(super) struct Tree {
     pub(super) packets: Vec<(u32, u32)>,
 }
 
-/// Brings finite items into the packets' order and builds the tree over them; the root is its first node.
+/// Brings finite items into the packets' order and builds the tree over them; the root is its first node, which is
+/// empty if there are none.
 pub(super) fn build(items: &mut [Item]) -> Tree {
     let mut tree = Tree::default();
-    if !items.is_empty() {
-        let (bounds, centers) = extents(items);
-        tree.add(vec![Set { items, first: 0, bounds, centers, depth: 0 }]);
-    }
+    let (bounds, centers) = extents(items);
+    let all = Set { items, first: 0, bounds, centers, depth: 0 };
+    tree.add(if all.items.is_empty() { Vec::new() } else { vec![all] });
     tree
 }
 

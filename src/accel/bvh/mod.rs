@@ -1,25 +1,29 @@
 //! Our own bounding volume hierarchy: eight-wide nodes over packets of eight triangles, tested by SIMD.
 
 mod build;
+mod huge;
 mod node;
 mod simd;
 mod traverse;
 mod triangle;
 
 use super::Intersector;
+use crate::Result;
 use crate::math::Ray;
 use crate::shape::{Bounds, Geometry, Hit, Mesh, Shape};
 use build::Item;
+use huge::Huge;
 use node::{Node, Ref};
 use rayon::prelude::*;
 use simd::Portable;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use triangle::{Found, Packet};
 
 /// A tree over all triangles and analytic shapes of a scene.
 pub(super) struct Bvh {
-    /// The root first. Empty if there is nothing to hit.
-    nodes: Vec<Node>,
-    packets: Vec<Packet>,
+    /// The root first.
+    nodes: Huge<Node>,
+    packets: Huge<Packet>,
     /// Beside the indices of their shapes.
     quadrics: Vec<(Shape, u32)>,
     #[cfg(target_arch = "x86_64")]
@@ -28,17 +32,23 @@ pub(super) struct Bvh {
 
 impl Bvh {
     /// Builds the tree; the meshes' indices must have been checked. What is not finite is left out.
-    pub(super) fn new(geometry: &Geometry) -> Bvh {
+    ///
+    /// # Errors
+    /// [`crate::Error::Runtime`] if there is not enough memory.
+    pub(super) fn new(geometry: &Geometry) -> Result<Bvh> {
         let (mut items, mut quadrics, mut meshes) = (Vec::new(), Vec::new(), Vec::new());
         let mut triangles = 0;
+        let broken = AtomicBool::new(false);
         for (i, shape) in geometry.shapes.iter().enumerate() {
             if let Shape::Mesh(mesh) = shape {
                 meshes.push((triangles, i as u32, mesh));
-                items.par_extend(
-                    (0..mesh.triangles.len() as u32)
-                        .into_par_iter()
-                        .filter_map(|t| item(mesh, t, triangles + t)),
-                );
+                let range = (0..mesh.triangles.len() as u32).into_par_iter();
+                items.par_extend(range.map(|t| {
+                    item(mesh, t, triangles + t).unwrap_or_else(|| {
+                        broken.store(true, Relaxed);
+                        Item::BROKEN
+                    })
+                }));
                 triangles += mesh.triangles.len() as u32;
             } else {
                 let bounds = shape.bounds();
@@ -48,23 +58,27 @@ impl Bvh {
                 }
             }
         }
+        if broken.into_inner() {
+            items.retain(|item| !item.is_broken());
+        }
         let tree = build::build(&mut items);
-        let packet = |&(first, count): &(u32, u32)| {
-            let mut packet = Packet::EMPTY;
+        let fill = |(packet, &(first, count)): (&mut Packet, &(u32, u32))| {
+            *packet = Packet::EMPTY;
             for (lane, item) in items[first as usize..][..count as usize].iter().enumerate() {
                 let index = item.index() as u32;
                 let &(start, shape, mesh) = &meshes[meshes.partition_point(|m| m.0 <= index) - 1];
                 packet.set(lane, mesh.vertices(index - start), shape, index - start);
             }
-            packet
         };
-        Bvh {
-            packets: tree.packets.par_iter().map(packet).collect(),
-            nodes: tree.nodes,
+        Ok(Bvh {
+            nodes: Huge::new(tree.nodes.len(), |nodes| nodes.copy_from_slice(&tree.nodes))?,
+            packets: Huge::new(tree.packets.len(), |packets: &mut [Packet]| {
+                packets.par_iter_mut().zip(&tree.packets).for_each(fill);
+            })?,
             quadrics,
             #[cfg(target_arch = "x86_64")]
             avx2: simd::Avx2::detect(),
-        }
+        })
     }
 
     fn hit(&self, leaf: Ref, found: &Found) -> Hit {

@@ -3,6 +3,7 @@
 use super::simd::{Lanes, Simd};
 use crate::math::Ray;
 use crate::shape::Bounds;
+use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 /// Where a child is: a node, a packet of triangles, or a quadric, by its index below [`Ref::LIMIT`].
@@ -51,8 +52,8 @@ impl Ref {
 }
 
 /// Eight children and their bounds.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C, align(32))]
 pub(super) struct Node {
     /// For x, y and z the lower planes, then the upper ones.
     planes: [[Lanes<f32>; 2]; 3],

@@ -28,6 +28,8 @@ pub(super) trait Simd: Copy {
     fn permute(self, from: &Lanes<u32>, order: u64, to: &mut Lanes<MaybeUninit<u32>>);
     /// `to[i] = from[byte i of order]`; the bytes are below 8.
     fn permute_floats(self, from: Self::F, order: u64, to: &mut Lanes<MaybeUninit<f32>>);
+    /// Begins to load `what` into the cache.
+    fn prefetch<T>(self, what: &T);
 }
 
 /// Plain Rust, which the compiler may vectorise.
@@ -74,6 +76,8 @@ impl Simd for Portable {
             to.write(from[lane as usize]);
         }
     }
+
+    fn prefetch<T>(self, _what: &T) {}
 
     fn permute_floats(self, from: Self::F, order: u64, to: &mut Lanes<MaybeUninit<f32>>) {
         for (to, lane) in to.iter_mut().zip(order.to_le_bytes()) {
@@ -165,6 +169,15 @@ mod avx2 {
                 let order = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(order as i64));
                 let from = _mm256_loadu_si256(from.as_ptr().cast());
                 _mm256_storeu_si256(to.as_mut_ptr().cast(), _mm256_permutevar8x32_epi32(from, order));
+            }
+        }
+
+        #[inline(always)]
+        fn prefetch<T>(self, what: &T) {
+            let start = std::ptr::from_ref(what).cast::<i8>();
+            for line in 0..size_of::<T>().min(320).div_ceil(64) {
+                // SAFETY: a hint, for any address.
+                unsafe { _mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(64 * line)) };
             }
         }
 

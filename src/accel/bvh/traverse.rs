@@ -4,9 +4,10 @@
 
 use super::Bvh;
 use super::build::MAX_DEPTH;
-use super::node::{ORDER, Ref, Slabs};
+use super::huge::Huge;
+use super::node::{Node, ORDER, Ref, Slabs};
 use super::simd::{Lanes, Simd};
-use super::triangle::Shear;
+use super::triangle::{Found, Packet, Shear};
 use crate::math::Ray;
 use crate::shape::Hit;
 use std::mem::MaybeUninit;
@@ -21,7 +22,8 @@ fn eight<T>(from: &mut [T; STACK], start: usize) -> &mut Lanes<T> {
 /// The nearest hit; with `ANY` the first one found.
 #[inline(always)]
 pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
-    if bvh.nodes.is_empty() || !crate::accel::is_valid(ray) {
+    let (nodes, packets): (&Huge<Node>, &Huge<Packet>) = (&bvh.nodes, &bvh.packets);
+    if !crate::accel::is_valid(ray) {
         return None;
     }
     let slabs = Slabs::new(s, ray);
@@ -30,7 +32,7 @@ pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> 
     let mut ray = *ray;
     let mut limit = ray.t_max * Slabs::<S>::SLACK;
     let mut t_max = s.splat(limit);
-    let mut best: Option<(Ref, super::triangle::Found)> = None;
+    let mut best: Option<(Ref, Found)> = None;
     // Children still to visit and where the ray enters them, initialised below the height.
     let mut refs = [MaybeUninit::uninit(); STACK];
     let mut enters = [MaybeUninit::uninit(); STACK];
@@ -38,7 +40,7 @@ pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> 
     let mut current = Ref::node(0);
     loop {
         if current.is_node() {
-            let node = &bvh.nodes[current.index()];
+            let node = &nodes[current.index()];
             let (mask, enter) = slabs.enter(s, node, t_max);
             if mask != 0 {
                 let order = order[mask as usize % 256];
@@ -48,17 +50,26 @@ pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> 
                 }
                 // The nearest one, on top, is next.
                 height += mask.count_ones() as usize - 1;
+                if mask & (mask - 1) != 0 {
+                    // SAFETY:
+                    let next = Ref(unsafe { refs[height - 1].assume_init() });
+                    if next.is_packet() {
+                        s.prefetch(&packets[next.index()]);
+                    } else if next.is_node() {
+                        s.prefetch(&nodes[next.index()]);
+                    }
+                }
                 current = Ref(node.children[(order >> 56) as usize % 8]);
                 continue;
             }
         } else {
             let found = if current.is_packet() {
-                shear.intersect::<ANY>(s, &bvh.packets[current.index()], &mut ray, t_max)
+                shear.intersect::<ANY>(s, &packets[current.index()], &mut ray, t_max)
             } else {
                 let (quadric, _) = &bvh.quadrics[current.index()];
                 quadric.intersect(&ray).map(|t| {
                     ray.t_max = t;
-                    super::triangle::Found { t, u: 0.0, v: 0.0, lane: 0 }
+                    Found { t, u: 0.0, v: 0.0, lane: 0 }
                 })
             };
             if let Some(found) = found {

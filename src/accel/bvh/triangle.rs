@@ -5,10 +5,11 @@ use super::simd::{Lanes, Simd};
 use crate::accel::plane_distance;
 use crate::math::Ray;
 use crate::shape::Hit;
+use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 /// Up to eight triangles.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct Packet {
     /// By vertex and axis. NaN in empty lanes.
