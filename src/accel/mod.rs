@@ -48,13 +48,6 @@ pub trait Intersector: Send + Sync {
 
     /// Whether anything lies on the ray.
     fn occluded(&self, ray: &Ray) -> bool;
-
-    /// `hits[i]` answers `rays[i]`; equal lengths.
-    fn intersect_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        for (ray, hit) in rays.iter().zip(hits) {
-            *hit = self.intersect(ray);
-        }
-    }
 }
 
 /// Builds the acceleration structure over `geometry`.

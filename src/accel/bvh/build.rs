@@ -219,18 +219,20 @@ fn slots(sets: &[Set]) -> [usize; 8] {
         sets.iter().map(|set| (set.bounds.lower + set.bounds.upper - middle).truncate()).collect();
     let (mut slots, mut free) = ([usize::MAX; 8], [true; 8]);
     for _ in sets {
-        let mut best = (f32::NEG_INFINITY, 0, 0);
+        let mut best: Option<(f32, usize, usize)> = None;
         for (set, offset) in offsets.iter().enumerate().filter(|(set, _)| slots[*set] == usize::MAX) {
             for slot in (0..8).filter(|&slot| free[slot]) {
                 let sign = |axis: usize| if slot >> axis & 1 == 1 { 1.0 } else { -1.0 };
                 let fit = offset.dot(Vec3::new(sign(0), sign(1), sign(2)));
-                if fit > best.0 {
-                    best = (fit, set, slot);
+                if best.is_none_or(|best| fit > best.0) {
+                    best = Some((fit, set, slot));
                 }
             }
         }
-        slots[best.1] = best.2;
-        free[best.2] = false;
+        if let Some((_, set, slot)) = best {
+            slots[set] = slot;
+            free[slot] = false;
+        }
     }
     slots
 }

@@ -115,3 +115,6 @@ impl Intersector for Bvh {
         traverse::traverse::<_, true>(Portable, self, ray).is_some()
     }
 }
+
+#[cfg(test)]
+mod tests;

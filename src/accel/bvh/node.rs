@@ -73,6 +73,14 @@ impl Node {
         }
         self.children[slot] = child.0;
     }
+
+    /// What is in the slots.
+    #[cfg(test)]
+    pub(super) fn occupied(&self) -> impl Iterator<Item = Ref> + '_ {
+        (0..8)
+            .filter(|&slot| self.planes[0][0][slot] <= self.planes[0][1][slot])
+            .map(|slot| Ref(self.children[slot]))
+    }
 }
 
 /// The slots named by a mask in the order from far to near, one a byte, for every octant of directions; the nearest

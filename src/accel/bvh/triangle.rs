@@ -32,6 +32,14 @@ impl Packet {
         (self.shapes[lane], self.primitives[lane]) = (shape, primitive);
     }
 
+    /// Shapes and primitives of what is in the lanes.
+    #[cfg(test)]
+    pub(super) fn occupied(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        (0..8)
+            .filter(|&lane| !self.vertices[0][0][lane].is_nan())
+            .map(|lane| (self.shapes[lane], self.primitives[lane]))
+    }
+
     fn triangle(&self, lane: usize) -> [Vec3; 3] {
         [0, 1, 2].map(|i| Vec3::from_array(self.vertices[i].map(|axis| axis[lane])))
     }
