@@ -11,28 +11,32 @@ use glam::{Affine3A, Mat3, Quat, Vec2, Vec3};
 use std::path::Path;
 
 /// A scene, a camera, and a lamp.
-pub struct Workload {
-    pub name: &'static str,
-    pub geometry: Geometry,
-    pub eye: Vec3,
-    pub target: Vec3,
+#[derive(Debug)]
+pub(crate) struct Workload {
+    pub(crate) name: &'static str,
+    pub(crate) geometry: Geometry,
+    pub(crate) eye: Vec3,
+    pub(crate) target: Vec3,
     /// A square lamp that shines down: its middle, and half its side.
-    pub lamp: (Vec3, f32),
+    pub(crate) lamp: (Vec3, f32),
+    /// How many rays of a kind tell, in reasonable time.
+    pub(crate) count: usize,
 }
 
 /// Rays of one kind.
-pub struct Rays {
-    pub name: &'static str,
+#[derive(Debug)]
+pub(crate) struct Rays {
+    pub(crate) name: &'static str,
     /// To be answered by `occluded`.
-    pub shadow: bool,
-    pub rays: Vec<Ray>,
+    pub(crate) shadow: bool,
+    pub(crate) rays: Vec<Ray>,
 }
 
 /// A deterministic stream of numbers in [0, 1).
-pub struct Random(pub u64);
+struct Random(u64);
 
 impl Random {
-    pub fn next(&mut self) -> f32 {
+    fn next(&mut self) -> f32 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 40) as f32 / (1u64 << 24) as f32
     }
@@ -48,7 +52,7 @@ fn mesh((positions, triangles): meshes::Triangles, m: Affine3A) -> Shape {
 }
 
 /// The box of 14 triangles and two spheres.
-pub fn cornell() -> Workload {
+pub(crate) fn cornell() -> Workload {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell-spheres.xml");
     let geometry = scene::load(&file, &[], None).expect("a scene of ours").geometry;
     Workload {
@@ -57,11 +61,12 @@ pub fn cornell() -> Workload {
         eye: Vec3::new(0.0, 0.0, 3.9),
         target: Vec3::ZERO,
         lamp: (Vec3::new(0.0, 0.98, 0.0), 0.25),
+        count: 100_000,
     }
 }
 
 /// A closed mesh of 1.3 million triangles like a scan's, in a room.
-pub fn scan() -> Workload {
+pub(crate) fn scan() -> Workload {
     let room = Mesh::cube(Affine3A::from_scale(Vec3::splat(4.0)));
     Workload {
         name: "scan",
@@ -69,11 +74,12 @@ pub fn scan() -> Workload {
         eye: Vec3::new(0.5, 1.0, 3.0),
         target: Vec3::ZERO,
         lamp: (Vec3::new(0.5, 3.5, 1.0), 0.5),
+        count: 400_000,
     }
 }
 
 /// A small dense mesh in a wide place of few large triangles, in a cloud of needles.
-pub fn hostile() -> Workload {
+pub(crate) fn hostile() -> Workload {
     let mut random = Random(1);
     let small = Affine3A::from_scale_rotation_translation(
         Vec3::splat(0.02),
@@ -88,13 +94,14 @@ pub fn hostile() -> Workload {
         eye: Vec3::new(0.5, 1.0, 3.0),
         target: Vec3::ZERO,
         lamp: (Vec3::new(0.5, 20.0, 1.0), 5.0),
+        count: 10_000,
     }
 }
 
 impl Workload {
     /// Primary rays in the film's order, and the others from random ones on, `n` of each kind. All come from one
     /// backend's hits, so that every backend gets the same.
-    pub fn rays(&self, n: usize) -> [Rays; 4] {
+    pub(crate) fn rays(&self, n: usize) -> [Rays; 4] {
         let built = accel::build(available()[0], &self.geometry).expect("a sound scene");
         let mut random = Random(7);
         let side = (n as f32).sqrt().ceil() as usize;

@@ -299,8 +299,8 @@ impl Filled {
         let mut filled = Filled([[(Box4::EMPTY, 0); BINS]; 3]);
         for item in items {
             let bin = bins.of(item.center());
-            for axis in 0..3 {
-                let (bounds, count) = &mut filled.0[axis][bin[axis] as usize % BINS];
+            for (filled, bin) in filled.0.iter_mut().zip(bin) {
+                let (bounds, count) = &mut filled[bin as usize % BINS];
                 bounds.grow(item.lower, item.upper);
                 *count += 1;
             }
