@@ -50,16 +50,22 @@ pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> 
                 }
                 // The nearest one, on top, is next.
                 height += mask.count_ones() as usize - 1;
+                current = Ref(node.children[(order >> 56) as usize % 8]);
                 if mask & (mask - 1) != 0 {
-                    // SAFETY:
-                    let next = Ref(unsafe { refs[height - 1].assume_init() });
-                    if next.is_packet() {
-                        s.prefetch(&packets[next.index()]);
-                    } else if next.is_node() {
-                        s.prefetch(&nodes[next.index()]);
+                    // SAFETY: two were written.
+                    let mut second = Ref(unsafe { refs[height - 1].assume_init() });
+                    // SAFETY: two were written.
+                    if !ANY && unsafe { enters[height - 1].assume_init() < enters[height].assume_init() } {
+                        (current, second) = (second, current);
+                        refs[height - 1].write(second.0);
+                        enters[height - 1] = enters[height];
+                    }
+                    if second.is_packet() {
+                        s.prefetch(&packets[second.index()]);
+                    } else if second.is_node() {
+                        s.prefetch(&nodes[second.index()]);
                     }
                 }
-                current = Ref(node.children[(order >> 56) as usize % 8]);
                 continue;
             }
         } else {
