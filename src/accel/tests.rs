@@ -136,6 +136,9 @@ fn reference(vertices: [Vec3; 3], ray: &Ray) -> Reference {
     let longest = edges.iter().map(|(_, e)| e.length()).fold(0.0, f64::max);
     let slope = n.length() * d.length() / n.dot(d).abs();
     let tolerance = rounding * slope * (longest * longest / n.length()) / d.length();
+    // Signed distances of the hit to the edges' lines.
+    let distance = |(p, e): (DVec3, DVec3)| n.dot(e.cross(d * t - p)) / (n.length() * e.length());
+    let inside = edges.into_iter().map(distance).fold(f64::MAX, f64::min);
     if tolerance.is_nan() || tolerance > 1e-2 * longest {
         // No area, or seen edge-on: it may be hit as the line it looks like.
         let d = d.normalize();
@@ -150,11 +153,8 @@ fn reference(vertices: [Vec3; 3], ray: &Ray) -> Reference {
         let first = depths.into_iter().fold(f64::MAX, f64::min) - rounding;
         let last = depths.into_iter().fold(f64::MIN, f64::max) + rounding;
         let t = [first - first.abs() / 15.0, last + last.abs() / 15.0];
-        return Reference { t, surely: false, maybe: edges.into_iter().any(near) };
+        return Reference { t, surely: false, maybe: inside >= 0.0 || edges.into_iter().any(near) };
     }
-    // Signed distances of the hit to the edges' lines.
-    let distance = |(p, e): (DVec3, DVec3)| n.dot(e.cross(d * t - p)) / (n.length() * e.length());
-    let inside = edges.into_iter().map(distance).fold(f64::MAX, f64::min);
     let moved = rounding * slope;
     Reference { t: [t - tolerance, t + tolerance], surely: inside > moved, maybe: inside >= -moved }
 }
@@ -395,7 +395,10 @@ fn compare(tally: &mut Tally, mesh: &Mesh, ray: &Ray, hits: [Option<Hit>; 2]) {
             let [(a, r), (b, q)] = [known(a), known(b)];
             assert!(r.maybe && q.maybe, "{ray:?} {a:?} {b:?}");
             let reach = |r: &Reference, t: f32| r.t[0] <= t as f64 && t as f64 <= r.t[1];
-            if reach(&r, b.t) || reach(&q, a.t) {
+            let [u, v, w] = mesh.vertices(a.primitive);
+            let longest = u.distance(v).max(v.distance(w)).max(w.distance(u));
+            let neighbours = (a.t - b.t).abs() * ray.d.length() <= longest;
+            if neighbours && (reach(&r, b.t) || reach(&q, a.t)) {
                 tally.ties += 1;
             } else {
                 alone(tally, if a.t < b.t { 0 } else { 1 }, if a.t < b.t { &r } else { &q });
