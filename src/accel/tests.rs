@@ -114,6 +114,7 @@ pub(super) fn ray(random: &mut Random, geometry: &Geometry) -> Ray {
 }
 
 /// What f64 knows of a ray and a primitive.
+#[derive(Debug)]
 struct Reference {
     /// Between which distances a hit may be reported.
     t: [f64; 2],
@@ -121,6 +122,8 @@ struct Reference {
     surely: bool,
     /// Hit if moved by rounding.
     maybe: bool,
+    /// No area, or less than rounding as the ray sees it.
+    edge_on: bool,
 }
 
 fn reference(vertices: [Vec3; 3], ray: &Ray) -> Reference {
@@ -153,10 +156,16 @@ fn reference(vertices: [Vec3; 3], ray: &Ray) -> Reference {
         let first = depths.into_iter().fold(f64::MAX, f64::min) - rounding;
         let last = depths.into_iter().fold(f64::MIN, f64::max) + rounding;
         let t = [first - first.abs() / 15.0, last + last.abs() / 15.0];
-        return Reference { t, surely: false, maybe: inside >= 0.0 || edges.into_iter().any(near) };
+        let maybe = inside >= 0.0 || edges.into_iter().any(near);
+        return Reference { t, surely: false, maybe, edge_on: true };
     }
     let moved = rounding * slope;
-    Reference { t: [t - tolerance, t + tolerance], surely: inside > moved, maybe: inside >= -moved }
+    Reference {
+        t: [t - tolerance, t + tolerance],
+        surely: inside > moved,
+        maybe: inside >= -moved,
+        edge_on: false,
+    }
 }
 
 /// All primitives that the ray can meet.
@@ -170,11 +179,9 @@ fn candidates(geometry: &Geometry, ray: &Ray) -> Vec<((u32, u32), Reference)> {
                 }
             }
             // Tested on their own, beside the shapes.
-            quadric => found.extend(
-                quadric
-                    .intersect(ray)
-                    .map(|t| ((i as u32, 0), Reference { t: [t as f64; 2], surely: true, maybe: true })),
-            ),
+            quadric => found.extend(quadric.intersect(ray).map(|t| {
+                ((i as u32, 0), Reference { t: [t as f64; 2], surely: true, maybe: true, edge_on: false })
+            })),
         }
     }
     found
@@ -371,16 +378,26 @@ struct Tally {
     ties: u64,
     /// Past an edge, or at a limit, by less than rounding: hit by the first alone, or by the second.
     edges: [u64; 2],
+    /// Hit on a triangle seen edge-on, past its edges by more than vertices are rounded: by the first, or the second.
+    /// Embree's edge tests are in f32, which is vague about edges along the ray.
+    vague: [u64; 2],
     /// Largest difference of distance across the surface, in ulps of the largest coordinate relative to the origin.
     worst: f32,
 }
 
 fn compare(tally: &mut Tally, mesh: &Mesh, ray: &Ray, hits: [Option<Hit>; 2]) {
     let known = |hit: Hit| (hit, reference(mesh.vertices(hit.primitive), ray));
+    let vague = |tally: &mut Tally, by: usize, r: &Reference| {
+        assert!(r.maybe || r.edge_on, "{ray:?} {hits:?} {r:?}");
+        tally.vague[by] += !r.maybe as u64;
+        !r.maybe
+    };
     let alone = |tally: &mut Tally, by: usize, r: &Reference| {
         let at_limit = r.t[0] <= ray.t_min as f64 || r.t[1] >= ray.t_max as f64;
-        assert!(r.maybe && (!r.surely || at_limit), "{ray:?} {hits:?}");
-        tally.edges[by] += 1;
+        assert!(!r.surely || at_limit, "{ray:?} {hits:?} {r:?}");
+        if !vague(tally, by, r) {
+            tally.edges[by] += 1;
+        }
     };
     match hits {
         [None, None] => tally.equal += 1,
@@ -393,7 +410,9 @@ fn compare(tally: &mut Tally, mesh: &Mesh, ray: &Ray, hits: [Option<Hit>; 2]) {
         }
         [Some(a), Some(b)] => {
             let [(a, r), (b, q)] = [known(a), known(b)];
-            assert!(r.maybe && q.maybe, "{ray:?} {a:?} {b:?}");
+            if vague(tally, 0, &r) | vague(tally, 1, &q) {
+                return;
+            }
             let reach = |r: &Reference, t: f32| r.t[0] <= t as f64 && t as f64 <= r.t[1];
             let [u, v, w] = mesh.vertices(a.primitive);
             let longest = u.distance(v).max(v.distance(w)).max(w.distance(u));

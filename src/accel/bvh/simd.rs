@@ -77,13 +77,13 @@ impl Simd for Portable {
         }
     }
 
-    fn prefetch<T>(self, _what: &T) {}
-
     fn permute_floats(self, from: Self::F, order: u64, to: &mut Lanes<MaybeUninit<f32>>) {
         for (to, lane) in to.iter_mut().zip(order.to_le_bytes()) {
             to.write(from[lane as usize]);
         }
     }
+
+    fn prefetch<T>(self, _what: &T) {}
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -173,20 +173,20 @@ mod avx2 {
         }
 
         #[inline(always)]
-        fn prefetch<T>(self, what: &T) {
-            let start = std::ptr::from_ref(what).cast::<i8>();
-            for line in 0..size_of::<T>().min(320).div_ceil(64) {
-                // SAFETY: a hint, for any address.
-                unsafe { _mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(64 * line)) };
-            }
-        }
-
-        #[inline(always)]
         fn permute_floats(self, from: __m256, order: u64, to: &mut Lanes<MaybeUninit<f32>>) {
             // SAFETY: `self` proves that the CPU has AVX2; `to` is 32 bytes.
             unsafe {
                 let order = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(order as i64));
                 _mm256_storeu_ps(to.as_mut_ptr().cast(), _mm256_permutevar8x32_ps(from, order));
+            }
+        }
+
+        #[inline(always)]
+        fn prefetch<T>(self, what: &T) {
+            let start = std::ptr::from_ref(what).cast::<i8>();
+            for line in 0..size_of::<T>().div_ceil(64) {
+                // SAFETY: a hint, for any address.
+                unsafe { _mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(64 * line)) };
             }
         }
     }

@@ -42,6 +42,30 @@ fn vectors_change_no_bit_of_a_hit() {
     }
 }
 
+#[test]
+fn directions_may_have_any_length() {
+    let geometry = mixed(7, 500);
+    let bvh = Bvh::new(&geometry).unwrap();
+    let mut random = Random(9);
+    let mut hits = 0;
+    for _ in 0..2000 {
+        let unit = ray(&mut random, &geometry);
+        // Powers of two, which do not round; the least makes components denormal.
+        for scale in [-120, -60, 60, 100].map(|exponent| 2f32.powi(exponent)) {
+            let scaled = bvh.intersect(&Ray::new(unit.o, unit.d * scale));
+            match (bvh.intersect(&unit), scaled) {
+                (Some(a), Some(b)) => {
+                    assert_eq!((a.shape, a.primitive), (b.shape, b.primitive));
+                    assert!((b.t * scale - a.t).abs() <= 2.0 * f32::EPSILON * a.t, "{unit:?} {a:?} {b:?}");
+                    hits += 1;
+                }
+                (a, b) => assert_eq!(a, b, "{unit:?} {scale}"),
+            }
+        }
+    }
+    assert!(hits > 2000, "{hits}");
+}
+
 /// All kinds of numbers: zeros, denormals, infinities and NaN too.
 fn number() -> impl Strategy<Value = f32> {
     prop_oneof![any::<f32>(), -2f32..2.0, Just(0.0), Just(-0.0), Just(1.0)]

@@ -52,9 +52,10 @@ pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> 
                 height += mask.count_ones() as usize - 1;
                 current = Ref(node.children[(order >> 56) as usize % 8]);
                 if mask & (mask - 1) != 0 {
-                    // SAFETY: two were written.
+                    // SAFETY: with two children or more, the top two were written just now.
                     let mut second = Ref(unsafe { refs[height - 1].assume_init() });
-                    // SAFETY: two were written.
+                    // The order is by octant: of the last two, measure.
+                    // SAFETY: as above.
                     if !ANY && unsafe { enters[height - 1].assume_init() < enters[height].assume_init() } {
                         (current, second) = (second, current);
                         refs[height - 1].write(second.0);
