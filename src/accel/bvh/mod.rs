@@ -98,8 +98,8 @@ fn item(mesh: &Mesh, triangle: u32, index: u32) -> Option<Item> {
     finite.then(|| Item::triangle(Bounds { min: a.min(b).min(c), max: a.max(b).max(c) }, index))
 }
 
-impl Intersector for Bvh {
-    fn intersect(&self, ray: &Ray) -> Option<Hit> {
+impl Bvh {
+    fn nearest(&self, ray: &Ray) -> Option<Hit> {
         #[cfg(target_arch = "x86_64")]
         if let Some(avx2) = self.avx2 {
             return traverse::intersect_avx2(avx2, self, ray);
@@ -107,7 +107,30 @@ impl Intersector for Bvh {
         traverse::traverse::<_, false>(Portable, self, ray)
     }
 
+    /// The nearest hit on a ray whose direction is so short that its reciprocal overflows.
+    #[cold]
+    fn nearest_lengthened(&self, ray: &Ray) -> Option<Hit> {
+        let scale = 2f32.powi(60);
+        let Ray { o, t_min, d, t_max } = *ray;
+        let hit = self.nearest(&Ray { o, t_min: t_min / scale, d: d * scale, t_max: t_max / scale })?;
+        let t = hit.t * scale;
+        (t > t_min && t < t_max).then_some(Hit { t, ..hit })
+    }
+}
+
+fn is_short(ray: &Ray) -> bool {
+    ray.d.abs().max_element() < f32::MIN_POSITIVE
+}
+
+impl Intersector for Bvh {
+    fn intersect(&self, ray: &Ray) -> Option<Hit> {
+        if is_short(ray) { self.nearest_lengthened(ray) } else { self.nearest(ray) }
+    }
+
     fn occluded(&self, ray: &Ray) -> bool {
+        if is_short(ray) {
+            return self.nearest_lengthened(ray).is_some();
+        }
         #[cfg(target_arch = "x86_64")]
         if let Some(avx2) = self.avx2 {
             return traverse::occluded_avx2(avx2, self, ray);
