@@ -66,6 +66,29 @@ fn directions_may_have_any_length() {
     assert!(hits > 2000, "{hits}");
 }
 
+/// Triangles so small that f32 sees a point are missed, or their weights are numbers.
+#[test]
+fn weights_are_never_nan() {
+    let mut random = Random(11);
+    let mut hits = 0;
+    for i in 0..20_000 {
+        let size = 10f32.powf(-40.0 * random.next());
+        let [a, b] = [random.point() * size, random.point() * size];
+        let place = if i % 2 == 0 { Vec3::ZERO } else { random.point() };
+        let positions = vec![place, place + a, place + b];
+        let mesh = Mesh { positions, triangles: vec![[0, 1, 2]], ..Default::default() };
+        let bvh = Bvh::new(&Geometry { shapes: vec![Shape::Mesh(mesh)] }).unwrap();
+        let o = random.direction() * 3.0;
+        for target in [place, place + (a + b) / 3.0] {
+            if let Some(hit) = bvh.intersect(&Ray::new(o, target - o)) {
+                assert!(hit.u.is_finite() && hit.v.is_finite(), "{hit:?}");
+                hits += 1;
+            }
+        }
+    }
+    assert!(hits > 1000, "{hits}");
+}
+
 #[test]
 fn directions_may_be_denormal() {
     // Behind each other, and near enough for distances to be finite.

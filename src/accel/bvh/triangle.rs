@@ -171,5 +171,6 @@ fn exact([a, b, c]: [[f32; 2]; 3]) -> Option<[f32; 3]> {
     let weights = [edge(c, b), edge(a, c), edge(b, a)];
     let inside = weights.iter().all(|&w| w >= 0.0) || weights.iter().all(|&w| w <= 0.0);
     let scale = weights.iter().fold(0.0, |max: f64, w| max.max(w.abs()));
-    inside.then(|| weights.map(|w| (w / scale) as f32))
+    // All are 0 where the triangle looks like a line or a point.
+    (inside && scale > 0.0).then(|| weights.map(|w| (w / scale) as f32))
 }
