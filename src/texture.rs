@@ -249,6 +249,11 @@ pub enum Color {
 }
 
 impl Color {
+    /// Whether it must be looked up.
+    pub fn is_textured(&self) -> bool {
+        matches!(self, Color::Texture(_))
+    }
+
     /// The value at a place.
     pub fn eval(&self, textures: &[Texture], at: &Lookup) -> Rgb {
         match *self {
@@ -268,6 +273,11 @@ pub enum Scalar {
 }
 
 impl Scalar {
+    /// Whether it must be looked up.
+    pub fn is_textured(&self) -> bool {
+        matches!(self, Scalar::Texture(_))
+    }
+
     /// The value at a place.
     pub fn eval(&self, textures: &[Texture], at: &Lookup) -> f32 {
         match *self {

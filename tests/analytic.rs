@@ -273,7 +273,7 @@ fn density_estimation_is_unbiased_where_light_is_even() {
             KERNELS.map(|kernel| {
                 let estimator = Estimator { k: 32, r_max: 1.0, shrink: 1.0, kernel };
                 let what = Photons { depths: (1, 1), caustics: true };
-                let levels = estimator.radiance(&map, &s, Vec3::Z, Share::All, what, &mut heap);
+                let levels = estimator.radiance(&map, &s, Vec3::Z, Share::All, what, true, &mut heap);
                 [levels.wide.x, levels.fine.x].map(|l| l as f64 * PI)
             })
         };

@@ -5,7 +5,7 @@ mod meshes;
 
 use super::*;
 use crate::math::offset_origin;
-use crate::shape::{Cylinder, Disk, Mesh, Sphere, SurfacePoint};
+use crate::shape::{Cylinder, Disk, Mesh, Sphere, SurfacePoint, Wanted};
 use glam::{Affine3A, DVec3, Quat, Vec3};
 use rayon::prelude::*;
 
@@ -251,7 +251,7 @@ fn backends_agree() {
                         assert_eq!(a, b);
                         continue;
                     };
-                    let n = mesh.point(a.primitive, a.u, a.v).n_g;
+                    let n = mesh.point(a.primitive, a.u, a.v, Wanted::All).n_g;
                     worst = worst.max((a.t - b.t).abs() * n.dot(ray.d).abs() / f32::EPSILON);
                     assert!((a.u - b.u).abs().max((a.v - b.v).abs()) < 1e-2);
                 }
@@ -505,7 +505,7 @@ fn sphere_from_a_million_radii() {
             assert_eq!(hit.is_some(), distance <= sphere.radius as f64, "{name}: {distance}");
             assert_eq!(backend.occluded(&ray), hit.is_some());
             if let Some(hit) = hit {
-                let p = geometry.shapes[0].point(&ray, &hit).p;
+                let p = geometry.shapes[0].point(&ray, &hit, Wanted::All).p;
                 let along = f.dot(d) / d.length_squared();
                 assert!(p.distance(ray.at(along as f32)) < 1.1e-3 + 1e-4, "{p}");
                 assert!((p.distance(sphere.center) - 1e-3).abs() < 1e-6);
@@ -645,10 +645,10 @@ fn offset_rays_leave_flat_surfaces() {
             for _ in 0..100 {
                 let uv = crate::math::warp::triangle(glam::Vec2::new(random.next(), random.next()));
                 let point = match &geometry.shapes[0] {
-                    Shape::Disk(disk) => disk.at(uv.as_dvec2()),
+                    Shape::Disk(disk) => disk.at(uv.as_dvec2(), Wanted::All),
                     shape => {
                         let hit = Hit { t: 0.0, u: uv.x, v: uv.y, shape: 0, primitive: 0 };
-                        shape.point(&Ray::new(Vec3::ZERO, Vec3::X), &hit)
+                        shape.point(&Ray::new(Vec3::ZERO, Vec3::X), &hit, Wanted::All)
                     }
                 };
                 let ray = leave(&mut random, &point);
@@ -689,9 +689,10 @@ fn offset_rays_leave_round_surfaces() {
                         c.at(
                             c.x_axis.as_dvec3() * phi.cos() + c.y_axis.as_dvec3() * phi.sin(),
                             random.next() as f64,
+                            Wanted::All,
                         )
                     }
-                    _ => sphere.at(random.direction().as_dvec3()),
+                    _ => sphere.at(random.direction().as_dvec3(), Wanted::All),
                 };
                 let ray = leave(&mut random, &point);
                 for (name, backend) in &backends {

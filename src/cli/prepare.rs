@@ -87,7 +87,10 @@ pub(super) fn prepare(path: &Path, args: &SceneArgs, kind: Option<Kind>) -> Resu
     };
 
     let start = Instant::now();
-    let scene = Scene::new(description, backend)?;
+    let mut scene = Scene::new(description, backend)?;
+    if !options.params.skip {
+        scene.compute_everything();
+    }
     let build = start.elapsed().as_secs_f64();
     Ok(Prepared { scene, backend, options, named_integrator: named, seconds: (load, build) })
 }

@@ -12,12 +12,50 @@ use rayon::prelude::*;
 
 /// Camera samples of every pixel.
 const FEW: u64 = 8;
-/// Camera samples of a pixel that these leave in doubt.
-const MANY: u64 = 64;
+/// Further ones for pixels that look at something smooth, where lamps show as rare glints: so many on average over all
+/// pixels, but at most so many for one.
+const SEARCH: [u64; 2] = [1, 16];
+/// Fewest and most camera samples of a pixel that these leave in doubt.
+const MANY: [u64; 2] = [64, 1024];
+/// Of these, those for each unit of the relative variance of emitted light.
+const PER_VARIANCE: f64 = 128.0;
 /// A variance of the mean, relative to its square, that leaves a pixel in doubt.
 const DOUBT: f32 = 1e-3;
 /// Keeps 0/0 from being no number.
 const TINY: Rgb = Rgb::splat(f32::MIN_POSITIVE);
+
+/// What the first samples of a pixel have shown.
+#[derive(Clone, Copy)]
+struct Look {
+    guide: Guide,
+    is_doubtful: bool,
+    /// Whether the camera looks at a smooth interface.
+    is_smooth: bool,
+    lamps: Spread,
+    rays: u64,
+}
+
+/// How unevenly samples see lamps.
+#[derive(Clone, Copy, Default)]
+struct Spread {
+    n: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Spread {
+    fn add(&mut self, seen: &Seen) {
+        let emitted = f64::from(seen.emitted.max_element());
+        self.n += 1.0;
+        self.sum += emitted;
+        self.squares += emitted * emitted;
+    }
+
+    /// Variance of one sample relative to the squared mean; `None` if nothing was seen.
+    fn relative_variance(&self) -> Option<f64> {
+        (self.sum > 0.0).then(|| self.n * self.squares / (self.sum * self.sum) - 1.0)
+    }
+}
 
 /// One guide for each pixel of the crop window, row by row. Also returns the number of rays traced.
 pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guide>, u64) {
@@ -35,41 +73,63 @@ pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guid
         eye.radiance(scene.camera_ray((x, y), &mut sampler), &mut sampler, scratch, &mut seen, rays);
         seen
     };
-    let pixels = (0..width * height).into_par_iter();
-    let few: Vec<(Guide, bool, u64)> = pixels
-        .clone()
-        .map_init(
-            || Scratch::new(&params),
-            |scratch, pixel| {
-                let mut rays = 0;
-                let samples: [Seen; FEW as usize] =
-                    std::array::from_fn(|i| see(pixel, i as u64, scratch, &mut rays));
-                let guide = Guide::new(samples.iter().map(|seen| (seen.features, seen.emitted)));
-                (guide.without_emitted(), is_doubtful(&samples, &guide), rays)
-            },
-        )
-        .collect();
-    let (guides, rays): (Vec<Guide>, Vec<u64>) = pixels
-        .map_init(
-            || Scratch::new(&params),
-            |scratch, pixel| {
-                let (x, y) = (pixel % width, pixel / width);
-                let (guide, is_doubtful, mut rays) = few[pixel];
-                let beside = |dx: usize, dy: usize| {
-                    let (x, y) = ((x + dx).checked_sub(1)?, (y + dy).checked_sub(1)?);
-                    (x < width && y < height).then(|| &few[y * width + x].0)
-                };
-                // What the few have missed, neighbours may know of.
-                let around = [beside(0, 1), beside(2, 1), beside(1, 0), beside(1, 2)];
-                if !is_doubtful && !around.into_iter().flatten().any(|other| differ(&guide, other)) {
-                    return (guide, rays);
-                }
-                // Others than have decided.
-                let samples = (FEW..FEW + MANY).map(|index| see(pixel, index, scratch, &mut rays));
-                (Guide::new(samples.map(|seen| (seen.features, seen.emitted))), rays)
-            },
-        )
-        .unzip();
+    let look = |scratch: &mut Scratch, pixel| {
+        let mut rays = 0;
+        let samples: [Seen; FEW as usize] = std::array::from_fn(|i| see(pixel, i as u64, scratch, &mut rays));
+        let guide = Guide::new(samples.iter().map(|seen| (seen.features, seen.emitted)));
+        let mut lamps = Spread::default();
+        samples.iter().for_each(|seen| lamps.add(seen));
+        Look {
+            guide: guide.without_emitted(),
+            is_doubtful: is_doubtful(&samples, &guide),
+            is_smooth: samples.iter().any(|seen| seen.smooth),
+            lamps,
+            rays,
+        }
+    };
+    let scratch = || Scratch::new(Some(&maps));
+    let mut looks: Vec<Look> = (0..width * height).into_par_iter().map_init(scratch, look).collect();
+    let smooth = looks.iter().filter(|look| look.is_smooth).count() as u64;
+    let [average, most] = SEARCH;
+    let more = (average * looks.len() as u64 / smooth.max(1)).min(most);
+    looks.par_iter_mut().enumerate().filter(|(_, look)| look.is_smooth).for_each_init(
+        scratch,
+        |scratch, (pixel, look)| {
+            let first = FEW + MANY[1];
+            for index in first..first + more {
+                look.lamps.add(&see(pixel, index, scratch, &mut look.rays));
+            }
+        },
+    );
+
+    // What samples have missed, neighbours may know of.
+    let around = |pixel: usize| {
+        let (x, y) = (pixel % width, pixel / width);
+        (0..9).filter(|&i| i != 4).filter_map(move |i| {
+            let (x, y) = ((x + i % 3).checked_sub(1)?, (y + i / 3).checked_sub(1)?);
+            (x < width && y < height).then_some((i % 2 == 1, y * width + x))
+        })
+    };
+    let finish = |scratch: &mut Scratch, pixel: usize| {
+        let Look { guide, is_doubtful, lamps, mut rays, .. } = looks[pixel];
+        let beside = || around(pixel).map(|(shares_edge, other)| (shares_edge, &looks[other]));
+        let variance = lamps.relative_variance().unwrap_or_else(|| {
+            beside().filter_map(|(_, other)| other.lamps.relative_variance()).fold(0.0, f64::max)
+        });
+        let wanted = (PER_VARIANCE * variance) as u64;
+        let is_doubtful = is_doubtful
+            || wanted > MANY[0]
+            || beside().any(|(shares_edge, other)| shares_edge && differ(&guide, &other.guide));
+        if !is_doubtful {
+            return (guide, rays);
+        }
+        // Others than have decided.
+        let samples = FEW..FEW + wanted.clamp(MANY[0], MANY[1]);
+        let samples = samples.map(|index| see(pixel, index, scratch, &mut rays));
+        (Guide::new(samples.map(|seen| (seen.features, seen.emitted))), rays)
+    };
+    let (guides, rays): (Vec<Guide>, Vec<u64>) =
+        (0..width * height).into_par_iter().map_init(scratch, finish).unzip();
     (guides, rays.iter().sum())
 }
 

@@ -85,7 +85,8 @@ pub struct PhotonRecord {
 
 /// The photons that the first pass stores.
 pub fn photon_records(scene: &Scene, options: &Options) -> Vec<PhotonRecord> {
-    let plan = Plan::new(scene, options);
+    let mut plan = Plan::new(scene, options);
+    plan.learn(scene, &options.params);
     photonmap::photons(scene, &options.params, &plan, options.seed)
         .into_iter()
         .map(|(photon, caustic)| PhotonRecord { p: photon.p, d: -photon.wi, flux: photon.flux, caustic })
@@ -102,6 +103,8 @@ struct Seen {
     density: f32,
     /// What of the sample's radiance lights send to the camera themselves, by delta lobes at most.
     emitted: Rgb,
+    /// Whether it has met a smooth interface.
+    smooth: bool,
     /// What it sees first through whatever is sharp.
     features: Features,
 }

@@ -36,6 +36,8 @@ pub struct Params {
     pub final_gather: bool,
     /// `regression`: pixels learn from neighbours that noise cannot tell apart from them (true).
     pub regression: bool,
+    /// `irradiance_cache`: gather rays may find irradiance that was estimated ahead, where that saves time (default).
+    pub irradiance_cache: bool,
     /// `direct`: direct light is taken by `sample` (default), from the `map`, or is `off`.
     pub direct: DirectLight,
     /// `alpha`: how fast the lookup radius shrinks from pass to pass, in (0, 1] where 1 keeps it (2/3).
@@ -46,6 +48,9 @@ pub struct Params {
     pub rr_depth: u32,
     /// `hide_emitters`: lights are not seen directly, but what is behind them (false).
     pub hide_emitters: bool,
+    /// `skip`: stages that the scene does not need are skipped (true). Switched off only to measure what that brings, so no
+    /// list of parameters names it.
+    pub skip: bool,
 }
 
 impl Default for Params {
@@ -60,11 +65,13 @@ impl Default for Params {
             kernel: Kernel::Epanechnikov,
             final_gather: true,
             regression: true,
+            irradiance_cache: true,
             direct: DirectLight::Sample,
             alpha: 2.0 / 3.0,
             max_depth: -1,
             rr_depth: 5,
             hide_emitters: false,
+            skip: true,
         }
     }
 }
@@ -115,6 +122,7 @@ impl Params {
             }
             "final_gather" => self.final_gather = boolean(name, value)?,
             "regression" => self.regression = boolean(name, value)?,
+            "irradiance_cache" => self.irradiance_cache = boolean(name, value)?,
             "direct" => {
                 self.direct = match value.trim() {
                     "sample" => DirectLight::Sample,
@@ -136,10 +144,12 @@ impl Params {
                 d => self.rr_depth = d,
             },
             "hide_emitters" => self.hide_emitters = boolean(name, value)?,
+            "skip" => self.skip = boolean(name, value)?,
             _ => {
                 return Err(Error::Usage(format!(
                     "unknown parameter '{name}': known are global_photons, caustic_photons, global_k, caustic_k, \
-                     global_radius, caustic_radius, kernel, final_gather, regression, direct, alpha, max_depth, rr_depth, hide_emitters"
+                     global_radius, caustic_radius, kernel, final_gather, regression, irradiance_cache, direct, \
+                     alpha, max_depth, rr_depth, hide_emitters"
                 )));
             }
         }
@@ -158,11 +168,13 @@ impl Params {
             kernel,
             final_gather,
             regression,
+            irradiance_cache,
             direct,
             alpha,
             max_depth,
             rr_depth,
             hide_emitters,
+            skip,
         } = self;
         vec![
             ("global_photons", global_photons.to_string()),
@@ -174,17 +186,24 @@ impl Params {
             ("kernel", format!("{kernel:?}").to_lowercase()),
             ("final_gather", final_gather.to_string()),
             ("regression", regression.to_string()),
+            ("irradiance_cache", irradiance_cache.to_string()),
             ("direct", format!("{direct:?}").to_lowercase()),
             ("alpha", alpha.to_string()),
             ("max_depth", max_depth.to_string()),
             ("rr_depth", rr_depth.to_string()),
             ("hide_emitters", hide_emitters.to_string()),
+            ("skip", skip.to_string()),
         ]
     }
 
     /// `max_depth` as a number of segments.
     pub fn max_segments(&self) -> u32 {
         if self.max_depth < 0 { u32::MAX } else { self.max_depth as u32 }
+    }
+
+    /// Most segments of a photon's path: the last one of all is the camera's.
+    pub(super) fn longest_flight(&self) -> u32 {
+        self.max_segments().saturating_sub(1)
     }
 }
 
@@ -204,11 +223,13 @@ mod tests {
             kernel: Kernel::Biweight,
             final_gather: false,
             regression: false,
+            irradiance_cache: false,
             direct: DirectLight::Off,
             alpha: 1.0 / 3.0,
             max_depth: 7,
             rr_depth: 8,
             hide_emitters: true,
+            skip: false,
         };
         for params in [odd, Params::default()] {
             let mut copy = Params { alpha: 0.9, ..Params::default() };

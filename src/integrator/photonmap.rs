@@ -6,7 +6,9 @@ use super::{DirectLight, Params, Parts, Seen};
 use crate::bsdf::{BsdfSample, Mode, Share};
 use crate::math::{Ray, Rgb, Sampler, luminance};
 use crate::photon::kdtree::KnnHeap;
-use crate::photon::{Estimator, Levels, Photon, PhotonMap, Photons, Splat, Splatter, Store, trace};
+use crate::photon::{
+    Emission, Estimator, Irradiance, Levels, Photon, PhotonMap, Photons, Splat, Splatter, Store, trace,
+};
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
 use std::time::Instant;
@@ -18,6 +20,8 @@ pub(super) struct Maps {
     global_estimator: Estimator,
     caustic_estimator: Estimator,
     final_gather: bool,
+    /// Irradiance for gather rays, and the longest photon paths in it.
+    irradiance: Option<(Irradiance, u32)>,
     /// Caustics that the camera sees directly, pixel by pixel.
     pub(super) splats: Vec<Splat>,
 }
@@ -40,52 +44,87 @@ fn shrink(alpha: f32, pass: u32) -> f32 {
     product.sqrt() as f32
 }
 
-/// The photon passes of one pass: what each stores, and how many paths it emits.
-fn photon_passes(plan: &Plan) -> [(Store, u64); 2] {
-    [(Store::All, plan.global_photons), (Store::Caustic, plan.caustic_photons)]
+/// A limit of path lengths, the same for all limits that no stored photon exceeds.
+fn depth_limit(segments: u32) -> u32 {
+    segments.min(PhotonMap::MAX_DEPTH)
+}
+
+/// How many photon paths choose the places where irradiance is estimated ahead; `None` if that would take longer than it
+/// saves.
+///
+/// Two places per disk of a lookup, which holds `k` photons, are near enough to each other. That takes 2/k of the paths
+/// that have `stored` the photons, and an estimate at each; there is about one gather ray per pixel to use them.
+fn sites(plan: &Plan, k: f32, stored: u64) -> Option<u64> {
+    let per_photon = 2.0 / k;
+    let pays = per_photon * stored as f32 <= 0.25 * plan.pixels as f32;
+    let count = (per_photon * plan.global_photons as f32) as u64;
+    (pays && count > 0).then_some(count)
+}
+
+/// The photon passes of one pass.
+fn photon_passes<'a>(params: &Params, plan: &'a Plan, splatter: Option<&'a Splatter>) -> [Emission<'a>; 2] {
+    let longest = params.longest_flight();
+    let caustic = Emission::new(Store::Caustic, plan.caustic_photons, longest);
+    [
+        Emission::new(Store::All, plan.global_photons, longest),
+        Emission { guide: plan.guide.as_ref(), splatter, ..caustic },
+    ]
 }
 
 /// The photons that pass number 0 stores, for looking at them; `true` marks those of the caustic map.
 pub(super) fn photons(scene: &Scene, params: &Params, plan: &Plan, seed: u64) -> Vec<(Photon, bool)> {
-    let trace = |(store, count)| {
-        let max_depth = params.max_segments().saturating_sub(1);
-        let photons = trace(scene, seed, 0, store, count, max_depth, None).photons;
-        photons.into_iter().map(move |photon| (photon, store == Store::Caustic))
+    let trace = |emission: Emission| {
+        let photons = trace(scene, seed, 0, &emission).photons;
+        photons.into_iter().map(move |photon| (photon.unpack(), emission.store == Store::Caustic))
     };
-    photon_passes(plan).into_iter().flat_map(trace).collect()
+    photon_passes(params, plan, None).into_iter().flat_map(trace).collect()
 }
 
 impl Maps {
     /// Shoots the photons of `pass` and builds its maps.
     pub(super) fn new(scene: &Scene, params: &Params, plan: &Plan, seed: u64, pass: u32) -> (Maps, MapStats) {
         let mut stats = MapStats::default();
-        // The camera's own segment is not the photons' to fly.
-        let max_depth = params.max_segments().saturating_sub(1);
         let splatter = Splatter { scene, hide_emitters: params.hide_emitters };
         let mut splats = Vec::new();
         let [(global, global_stored), (caustic, caustic_stored)] =
-            photon_passes(plan).map(|(store, count)| {
+            photon_passes(params, plan, Some(&splatter)).map(|emission| {
                 let start = Instant::now();
-                let splatter = (store == Store::Caustic).then_some(&splatter);
-                let traced = trace(scene, seed, pass, store, count, max_depth, splatter);
+                let traced = trace(scene, seed, pass, &emission);
                 splats.extend(traced.splats);
                 stats.seconds_photons += start.elapsed().as_secs_f64();
                 let start = Instant::now();
-                let map = PhotonMap::new(&traced.photons);
+                let map = PhotonMap::of_packed(traced.photons);
                 stats.seconds_maps += start.elapsed().as_secs_f64();
                 stats.rays += traced.rays;
-                stats.emitted += count;
+                stats.emitted += emission.count;
                 let stored = map.len() as u64;
                 (map, stored)
             });
         (stats.global_stored, stats.caustic_stored) = (global_stored, caustic_stored);
         let shrink = shrink(params.alpha, pass);
-        let estimator =
-            |k, radius| Estimator { k, r_max: radius * plan.radius, shrink, kernel: params.kernel };
+        let estimator = |k, radius: f32| Estimator::new(k, radius * plan.radius, shrink, params.kernel);
+        let global_estimator = estimator(params.global_k, params.global_radius);
+        let irradiance = (params.final_gather && params.irradiance_cache)
+            .then(|| {
+                let start = Instant::now();
+                let k = global_estimator.effective_k();
+                let count = sites(plan, k, global.len() as u64)?;
+                let emission = Emission::new(Store::Sites, count, params.longest_flight());
+                let traced = trace(scene, seed, pass, &emission);
+                stats.rays += traced.rays;
+                // Most gather rays are their path's second segment.
+                let longest = depth_limit(params.max_segments().saturating_sub(2));
+                let what = Photons { depths: (1, longest), caustics: true };
+                let irradiance = Irradiance::new(&traced.sites, &global, &global_estimator, what);
+                stats.seconds_maps += start.elapsed().as_secs_f64();
+                Some((irradiance, longest))
+            })
+            .flatten();
         let maps = Maps {
             global,
             caustic,
-            global_estimator: estimator(params.global_k, params.global_radius),
+            global_estimator,
+            irradiance,
             caustic_estimator: estimator(params.caustic_k, params.caustic_radius),
             final_gather: params.final_gather,
             splats,
@@ -96,15 +135,18 @@ impl Maps {
 
 /// What a thread reuses from lookup to lookup.
 pub(super) struct Scratch {
+    nearest: KnnHeap,
     global: KnnHeap,
     caustic: KnnHeap,
 }
 
 impl Scratch {
-    pub(super) fn new(params: &Params) -> Scratch {
+    pub(super) fn new(maps: Option<&Maps>) -> Scratch {
+        let heap = |k: fn(&Maps) -> u32| KnnHeap::new(maps.map_or(0, k) as usize);
         Scratch {
-            global: KnnHeap::new(params.global_k as usize),
-            caustic: KnnHeap::new(params.caustic_k as usize),
+            nearest: KnnHeap::new(1),
+            global: heap(|maps| maps.global_estimator.k),
+            caustic: heap(|maps| maps.caustic_estimator.k),
         }
     }
 }
@@ -135,6 +177,17 @@ struct Walk {
     previous: Previous,
 }
 
+impl Walk {
+    /// How much throughput `beta` counts for: eta² undoes the scaling of radiance inside glass, which says nothing about what
+    /// the path will find.
+    fn shown(&self, beta: Rgb) -> f32 {
+        beta.max_element() * self.eta * self.eta
+    }
+}
+
+/// The least throughput of a path that is followed beside another one from the same interface.
+const DIMMEST: f32 = 1e-3;
+
 /// Camera paths over the maps of one pass.
 pub(super) struct Eye<'a> {
     pub(super) scene: &'a Scene,
@@ -149,8 +202,8 @@ impl Eye<'_> {
     ///
     /// The path follows sharp lobes, and at every vertex that scatters light into them by broad lobes too it collects
     /// direct light and caustics. When it first leaves by a broad lobe it has become a gather ray: what it now meets
-    /// is taken from the global map, through any sharp lobes on the way. At the first vertex both lobes of a smooth
-    /// interface are followed.
+    /// is taken from the global map, through any sharp lobes on the way. Both lobes of a smooth interface are followed, as
+    /// long as neither is too dim: seen by chance, a lamp's reflection within glass would be rare and blinding.
     pub(super) fn radiance(
         &self,
         ray: Ray,
@@ -160,7 +213,7 @@ impl Eye<'_> {
         rays: &mut u64,
     ) -> [Parts; 2] {
         let mut sum = [Parts::default(); 2];
-        let mut pending = None;
+        let mut pending = Vec::new();
         let mut next = Some(Walk {
             ray,
             depth: 1,
@@ -175,8 +228,9 @@ impl Eye<'_> {
             eta: 1.0,
             previous: Previous { p: ray.o, pdf_w: None },
         });
-        while let Some(mut walk) = next.or_else(|| pending.take()) {
+        while let Some(mut walk) = next.or_else(|| pending.pop()) {
             *rays += 1;
+            seen.smooth |= walk.delta && walk.depth > 1;
             let hit = match walk.depth {
                 1 => direct::first_hit(self.scene, self.params, walk.ray, rays),
                 _ => self.scene.hit(&walk.ray),
@@ -216,8 +270,8 @@ impl Eye<'_> {
             let here = self.collect(&walk, &s, wo, sampler, scratch, rays);
             sum.iter_mut().zip(here).for_each(|(sum, here)| *sum += here);
             next = match s.bsdf.split(wo, Mode::Radiance) {
-                Some([a, b]) if walk.depth == 1 => {
-                    pending = self.scatter(&walk, &s, wo, &a, sampler);
+                Some([a, b]) if walk.delta && walk.shown(walk.beta * a.weight.min(b.weight)) >= DIMMEST => {
+                    pending.extend(self.scatter(&walk, &s, wo, &a, sampler));
                     self.scatter(&walk, &s, wo, &b, sampler)
                 }
                 _ => s
@@ -246,7 +300,7 @@ impl Eye<'_> {
         let (mut caustic, mut indirect) = (Levels::default(), Levels::default());
         let mut direct = Rgb::ZERO;
         if walk.gathering {
-            indirect.fine = self.maps.gather(s, -walk.ray.d, segments_left, scratch);
+            indirect.fine = self.maps.gather(s, &walk.ray, segments_left, scratch);
         } else {
             (caustic, indirect) = self.maps.seen(self.params, s, -walk.ray.d, segments_left, scratch);
             if walk.depth == 1 {
@@ -333,11 +387,11 @@ impl Eye<'_> {
             }
         }
 
-        let largest = next.beta.max(next.beta_emitted).max_element();
-        let mut survives = largest > 0.0; // false for NaN
+        let shown = next.shown(next.beta.max(next.beta_emitted));
+        let mut survives = shown > 0.0; // false for NaN
         if survives && walk.depth >= self.params.rr_depth {
-            // eta² undoes the scaling of radiance inside glass, which says nothing about what the path will find.
-            let prob = (largest * next.eta * next.eta).min(0.95);
+            // A branch that was followed for certain stays as dim as it is.
+            let prob = if next.delta && shown >= DIMMEST { 0.95 } else { shown.min(0.95) };
             survives = sampler.next_1d() < prob;
             next.beta /= prob;
             next.beta_emitted /= prob;
@@ -353,10 +407,21 @@ impl Maps {
     }
 
     /// Radiance from a gather ray's hit: all light that arrives there and leaves by broad lobes.
-    fn gather(&self, s: &Surface, wo: Vec3, max_depth: u32, scratch: &mut Scratch) -> Rgb {
+    fn gather(&self, s: &Surface, ray: &Ray, max_depth: u32, scratch: &mut Scratch) -> Rgb {
+        let (wo, max_depth) = (-ray.d, depth_limit(max_depth));
+        let ahead = self.irradiance.as_ref().filter(|(_, longest)| *longest == max_depth);
+        if let (Some((irradiance, _)), Some(f)) = (ahead, s.bsdf.diffuse_only()) {
+            if !s.bsdf.scatters_on(s.frame.to_local(wo)) {
+                return Rgb::ZERO;
+            }
+            let distance = (s.p - ray.o).length();
+            if let Some(e) = irradiance.near(s, wo, distance, &mut scratch.nearest) {
+                return f * e;
+            }
+        }
         let what = Photons { depths: (1, max_depth), caustics: true };
         let heap = &mut scratch.global;
-        self.global_estimator.radiance(&self.global, s, wo, Share::BroadLight, what, heap).wide
+        self.global_estimator.radiance(&self.global, s, wo, Share::BroadLight, what, false, heap).wide
     }
 
     /// What the caustic map and the global map show at a vertex that the eye sees.
@@ -375,8 +440,8 @@ impl Maps {
         let others = Photons { depths: (if direct { 1 } else { 2 }, max_depth), caustics: false };
         let (global, caustic) = (&self.global_estimator, &self.caustic_estimator);
         (
-            caustic.radiance(&self.caustic, s, wo, share, caustics, &mut scratch.caustic),
-            global.radiance(&self.global, s, wo, share, others, &mut scratch.global),
+            caustic.radiance(&self.caustic, s, wo, share, caustics, true, &mut scratch.caustic),
+            global.radiance(&self.global, s, wo, share, others, true, &mut scratch.global),
         )
     }
 

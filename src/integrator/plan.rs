@@ -1,6 +1,7 @@
 //! What a scene needs, derived before the first pass: stages that cannot contribute are skipped, with the reason.
 
-use super::{Kind, Options, Skipped};
+use super::{Kind, Options, Params, Skipped};
+use crate::photon::Guide;
 use crate::scene::Scene;
 
 /// The work of each pass.
@@ -10,6 +11,10 @@ pub(super) struct Plan {
     pub(super) global_photons: u64,
     /// Photon paths for the caustic map; 0 if it is skipped.
     pub(super) caustic_photons: u64,
+    /// Where caustic photons are worth emitting; not before [`Plan::learn`].
+    pub(super) guide: Option<Guide>,
+    /// Pixels of the film.
+    pub(super) pixels: u64,
     /// Radius of the scene, which relative lookup radii refer to.
     pub(super) radius: f32,
     /// What is skipped.
@@ -27,15 +32,23 @@ impl Plan {
         };
         let mut plan = Plan {
             global_photons: auto(params.global_photons, 1),
-            caustic_photons: auto(params.caustic_photons, 2),
+            caustic_photons: auto(params.caustic_photons, 1),
+            guide: None,
+            pixels,
             radius: scene.bounds.radius(),
             skipped: Vec::new(),
         };
+        if params.skip {
+            plan.skip_texture_coordinates(scene);
+        }
         if options.integrator == Kind::Path {
             plan.skip_both(match scene.lights.have_beams() {
                 true => "the path tracer uses no photons, so it sees nothing of collimated light",
                 false => "the path tracer uses no photons",
             });
+            return plan;
+        }
+        if !params.skip {
             return plan;
         }
         let lobes = scene.lobes();
@@ -49,13 +62,36 @@ impl Plan {
             plan.skip_both("max_depth leaves nothing but direct light");
         } else if !lobes.sharp {
             plan.skip_caustic("no surface has a sharp lobe that could focus light");
+        } else if !scene.lights.reach(&scene.geometry, &scene.casters) {
+            plan.skip_caustic("all lights face away from the surfaces with sharp lobes");
         }
         plan
+    }
+
+    /// Sends a few photons ahead. What they find depends on the scene alone, so all passes go by the same.
+    pub(super) fn learn(&mut self, scene: &Scene, params: &Params) {
+        if self.caustic_photons > 0 {
+            self.guide = Guide::learn(scene, params.longest_flight());
+            if self.guide.is_none() && params.skip && params.caustic_photons == 0 {
+                // None found a caster, so few are worth sending after them. Not none: that would prove nothing.
+                self.caustic_photons = self.caustic_photons.div_ceil(16);
+            }
+        }
     }
 
     /// Whether any photons are shot.
     pub(super) fn has_photons(&self) -> bool {
         self.global_photons > 0 || self.caustic_photons > 0
+    }
+
+    fn skip_texture_coordinates(&mut self, scene: &Scene) {
+        let (textured, all) = (scene.textured_shapes(), scene.geometry.shapes.len());
+        let reason = match all - textured {
+            0 => return,
+            n if n == all => "no material or lamp is textured, none has grain or bumps".into(),
+            n => format!("on {n} of {all} shapes nothing is textured, and nothing has grain or bumps"),
+        };
+        self.skipped.push(Skipped { stage: "texture coordinates".into(), reason });
     }
 
     fn skip_both(&mut self, reason: &str) {

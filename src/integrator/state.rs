@@ -220,9 +220,10 @@ impl State {
         options: &Options,
         on_pass: &mut dyn FnMut(&Progress, &State) -> ControlFlow<()>,
     ) {
-        let plan = Plan::new(scene, options);
+        let mut plan = Plan::new(scene, options);
         let earlier = self.statistics.seconds.rendering;
         let start = Instant::now();
+        plan.learn(scene, &options.params);
         // The estimate costs more than a small pass. Where it decides, it is made at passes whose numbers grow
         // geometrically; else it is for looking at, and takes a small share of the time.
         let decides = matches!(options.budget, Budget::Error(_));
@@ -361,7 +362,7 @@ impl State {
                 out.layers[layer::SCALARS] = Rgb::new(seen.depth, seen.density, 0.0);
             }
         };
-        let rows = self.film.add_pass(index, || (Scratch::new(params), 0), pixel);
+        let rows = self.film.add_pass(index, || (Scratch::new(maps.as_ref()), 0), pixel);
         stats.rays += rows.iter().map(|(_, rays)| rays).sum::<u64>();
         let layer = options.aovs.then_some(layer::CAUSTIC[1]);
         for splat in splats {

@@ -2,7 +2,7 @@
 
 use super::{DirectSample, EmissionSample, Targets};
 use crate::math::{Discrete, Frame, Rgb, offset_origin, warp};
-use crate::shape::{AreaSample, Geometry, Shape};
+use crate::shape::{AreaSample, Geometry, Shape, Wanted};
 use crate::texture::{Color, Lookup, Texture};
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
@@ -23,14 +23,17 @@ pub(super) struct AreaSampler {
     distribution: Discrete,
     /// Whether no ray from the surface's front meets the shape again.
     lights_only_others: bool,
+    /// Texture coordinates only for what is textured.
+    wanted: Wanted,
 }
 
 impl AreaSampler {
-    pub(super) fn new(shape: &Shape) -> AreaSampler {
+    pub(super) fn new(shape: &Shape, radiance: Color) -> AreaSampler {
         AreaSampler {
             area: shape.area(),
             distribution: shape.area_distribution(),
             lights_only_others: shape.is_convex_outside(),
+            wanted: if radiance.is_textured() { Wanted::All } else { Wanted::Untextured },
         }
     }
 
@@ -48,7 +51,7 @@ impl AreaSampler {
                 for i in 0..N {
                     // Hammersley points.
                     let u = Vec2::new(i as f32 + 0.5, (i.reverse_bits() >> 16) as f32 + 0.5) / N as f32;
-                    let Some(sample) = shape.sample_area(&self.distribution, u) else { break };
+                    let Some(sample) = shape.sample_area(&self.distribution, u, self.wanted) else { break };
                     for (s, c) in
                         sum.iter_mut().zip(radiance.eval(textures, &place(shape, &sample)).to_array())
                     {
@@ -69,13 +72,13 @@ impl AreaSampler {
         u: Vec2,
     ) -> Option<DirectSample> {
         let visible = match shape {
-            Shape::Sphere(sphere) => sphere.sample_visible(p, u),
+            Shape::Sphere(sphere) => sphere.sample_visible(p, u, self.wanted),
             _ => None,
         };
         let (wi, point) = match visible {
             Some(sample) => sample,
             None => {
-                let point = shape.sample_area(&self.distribution, u)?;
+                let point = shape.sample_area(&self.distribution, u, self.wanted)?;
                 ((point.p - p).try_normalize()?, point)
             }
         };
@@ -116,16 +119,30 @@ impl AreaSampler {
         u_dir: Vec2,
     ) -> Option<EmissionSample> {
         let own = &geometry.shapes[shape as usize];
-        let point = own.sample_area(&self.distribution, u_pos)?;
-        let radiance = radiance.eval(textures, &place(own, &point));
-        let (d, flux) = match targets.aim_from(point.p, self.lights_only_others.then_some(shape)) {
-            Some(aim) => {
-                let (d, pdf_w) = aim.sample(u_dir)?;
-                (d, radiance * (d.dot(point.n_g).max(0.0) * self.area / pdf_w))
+        let emitted = |point: &AreaSample| radiance.eval(textures, &place(own, point));
+        let aim = |p: Vec3| targets.aim_from(p, self.lights_only_others.then_some(shape));
+        let (point, d, flux) = match own {
+            // The density of all other shapes below, but the direction hangs on two random numbers alone: it can be learnt
+            // from them. Whether to aim must not depend on the point, which is drawn after the direction.
+            Shape::Sphere(sphere) if !sphere.flipped && aim(sphere.center).is_none() => {
+                let d = warp::sphere(u_dir);
+                let n = Frame::from_normal(d).to_world(warp::cosine_hemisphere(u_pos));
+                let point = sphere.at(n.as_dvec3(), self.wanted).into();
+                (point, d, emitted(&point) * (PI * self.area))
             }
-            None => {
-                let d = Frame::from_normal(point.n_g).to_world(warp::cosine_hemisphere(u_dir));
-                (d, radiance * (PI * self.area))
+            _ => {
+                let point = own.sample_area(&self.distribution, u_pos, self.wanted)?;
+                match aim(point.p) {
+                    Some(aim) => {
+                        let (d, pdf_w) = aim.sample(u_dir)?;
+                        let cos = d.dot(point.n_g).max(0.0);
+                        (point, d, emitted(&point) * (cos * self.area / pdf_w))
+                    }
+                    None => {
+                        let d = Frame::from_normal(point.n_g).to_world(warp::cosine_hemisphere(u_dir));
+                        (point, d, emitted(&point) * (PI * self.area))
+                    }
+                }
             }
         };
         (flux != Rgb::ZERO && emits([point.n_g, point.n_s], d)).then(|| EmissionSample {
@@ -144,7 +161,7 @@ impl AreaSampler {
         textures: &[Texture],
         u: Vec2,
     ) -> Option<EmissionSample> {
-        let point = shape.sample_area(&self.distribution, u)?;
+        let point = shape.sample_area(&self.distribution, u, self.wanted)?;
         let flux = radiance.eval(textures, &place(shape, &point)) * self.area;
         let d = point.n_s.try_normalize()?;
         (flux != Rgb::ZERO).then(|| EmissionSample {

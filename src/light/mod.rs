@@ -22,7 +22,7 @@ pub use sun::Sun;
 pub use targets::Targets;
 
 use crate::math::{Discrete, Rgb, luminance, warp};
-use crate::shape::Geometry;
+use crate::shape::{Geometry, Shape};
 use crate::texture::{Color, Lookup, Texture};
 use area::AreaSampler;
 use distant::World;
@@ -147,10 +147,10 @@ impl Lights {
         let prepared: Vec<Prepared> = lights
             .iter()
             .map(|light| match light {
-                Light::Area { shape, .. } | Light::DirectionalArea { shape, .. } => geometry
+                Light::Area { shape, radiance } | Light::DirectionalArea { shape, radiance } => geometry
                     .shapes
                     .get(*shape as usize)
-                    .map_or(Prepared::None, |s| Prepared::Area(AreaSampler::new(s))),
+                    .map_or(Prepared::None, |s| Prepared::Area(AreaSampler::new(s, *radiance))),
                 Light::Spot(spot) => Prepared::Table(spot.table(textures)),
                 Light::Projector(projector) => Prepared::Table(projector.table(textures)),
                 Light::Sky(sky) => Prepared::Table(sky.table()),
@@ -213,6 +213,23 @@ impl Lights {
     /// light's photons are all there is of it: wherever they land first counts as a caustic.
     pub fn is_beam(&self, i: u32) -> bool {
         self.lights[i as usize].is_beam()
+    }
+
+    /// Whether any light may send photons to `targets` without detour, whatever stands in between. A light that cannot
+    /// turns its back to them.
+    pub fn reach(&self, geometry: &Geometry, targets: &Targets) -> bool {
+        let reaches = |(light, &power): (&Light, &Rgb)| {
+            power != Rgb::ZERO
+                && match light {
+                    Light::Area { shape, .. } => {
+                        let plane = geometry.shapes.get(*shape as usize).and_then(Shape::plane);
+                        plane.is_none_or(|(p, n)| targets.lie_before(p, n, *shape))
+                    }
+                    Light::Spot(spot) => spot.reaches(targets),
+                    _ => true,
+                }
+        };
+        self.lights.iter().zip(&self.power).any(reaches)
     }
 
     /// Whether any light is a beam.
@@ -432,6 +449,14 @@ impl Lights {
 impl Light {
     fn is_beam(&self) -> bool {
         matches!(self, Light::DirectionalArea { .. } | Light::Collimated { .. })
+    }
+
+    /// Whether texture coordinates of its surface tell how much it emits.
+    pub fn is_textured(&self) -> bool {
+        match self {
+            Light::Area { radiance, .. } | Light::DirectionalArea { radiance, .. } => radiance.is_textured(),
+            _ => false,
+        }
     }
 
     /// Whether escaping rays see it.

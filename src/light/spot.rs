@@ -78,6 +78,13 @@ impl Spot {
             && m.abs_diff_eq(Mat3::from_diagonal(Vec3::splat(m.x_axis.x)), 1e-4 * m.x_axis.x)
     }
 
+    /// Whether its cone meets any of `targets`.
+    pub(super) fn reaches(&self, targets: &Targets) -> bool {
+        // Others are not worth the bother.
+        !self.is_round()
+            || targets.meet_cone(self.position, (self.to_world * Vec3::Z).normalize(), self.cutoff)
+    }
+
     fn one_minus_cos(&self) -> f32 {
         2.0 * (0.5 * self.cutoff).sin().powi(2)
     }

@@ -28,11 +28,13 @@ impl Targets {
     /// More spheres cost more per photon than they save.
     const MAX: usize = 32;
 
-    /// Spheres around the shapes with the given indices and bounds. Neighbours share a sphere if there are many, or if
-    /// that makes the total cross-section smaller.
-    pub fn new(shapes: impl Iterator<Item = (u32, Bounds)>) -> Targets {
-        let boxes = shapes.filter(|(_, b)| !b.is_empty() && b.radius().is_finite());
-        let mut boxes: Vec<Group> = boxes.map(|(i, b)| (Some(i), b)).collect();
+    /// Spheres around the shapes with the given indices, bounds, and radii around the middle of these. Neighbours share a
+    /// sphere if there are many, or if that makes the total cross-section smaller.
+    pub fn new(shapes: impl Iterator<Item = (u32, Bounds, f32)>) -> Targets {
+        let shapes = shapes.filter(|(_, b, _)| !b.is_empty() && b.radius().is_finite());
+        let mut boxes: Vec<Group> = shapes
+            .map(|(i, bounds, r)| Group { shape: Some(i), bounds, radius: r.min(bounds.radius()) })
+            .collect();
         let mut groups = Vec::new();
         group(&mut boxes, Self::MAX, &mut groups);
         while let Some((i, j)) = best_merger(&groups) {
@@ -41,14 +43,31 @@ impl Targets {
         }
         let spheres: Vec<Sphere> = groups
             .iter()
-            .map(|&(shape, b)| {
+            .map(|&Group { shape, bounds: b, radius }| {
                 // A margin for what rounding does to positions and directions at the rim.
                 let rounding = 16.0 * f32::EPSILON * b.min.abs().max(b.max.abs()).max_element();
-                Sphere { center: b.center(), radius: b.radius() * 1.001 + rounding, shape }
+                Sphere { center: b.center(), radius: radius * 1.001 + rounding, shape }
             })
             .collect();
         let by_cross_section = Discrete::new(spheres.iter().map(|s| s.radius * s.radius));
         Targets { spheres, by_cross_section }
+    }
+
+    /// Whether a sphere reaches before the plane through `p` with normal `n`, but for that of the shape `own`.
+    pub(super) fn lie_before(&self, p: Vec3, n: Vec3, own: u32) -> bool {
+        let reaches = |s: &Sphere| n.dot(s.center - p) > -s.radius;
+        self.spheres.iter().any(|s| s.shape != Some(own) && reaches(s))
+    }
+
+    /// Whether a sphere meets the cone of half-angle `cutoff` around the unit vector `axis`.
+    pub(super) fn meet_cone(&self, apex: Vec3, axis: Vec3, cutoff: f32) -> bool {
+        let meets = |s: &Sphere| {
+            let to = s.center - apex;
+            let distance = to.length();
+            let to_center = axis.cross(to).length().atan2(axis.dot(to));
+            distance <= s.radius || to_center - (s.radius / distance).asin() < cutoff + 1e-3
+        };
+        self.spheres.iter().any(meets)
     }
 
     /// Aims from `p`, a point on the shape `own` if that cannot light itself; `None` if the spheres fill so much of the
@@ -141,16 +160,25 @@ impl<'a> Aim<'a> {
     }
 }
 
-/// A box, and the shape if it holds a single one.
-type Group = (Option<u32>, Bounds);
+/// What shall share a sphere.
+#[derive(Clone, Copy, Debug)]
+struct Group {
+    /// The shape if it is a single one.
+    shape: Option<u32>,
+    bounds: Bounds,
+    /// Of the sphere around the middle of `bounds` that holds it all.
+    radius: f32,
+}
 
 fn merged(a: &Group, b: &Group) -> Group {
-    (None, a.1.union(b.1))
+    let bounds = a.bounds.union(b.bounds);
+    let reach = |g: &Group| bounds.center().distance(g.bounds.center()) + g.radius;
+    Group { shape: None, bounds, radius: reach(a).max(reach(b)).min(bounds.radius()) }
 }
 
 /// The two groups whose merger makes the total cross-section smallest, if it makes it smaller.
 fn best_merger(groups: &[Group]) -> Option<(usize, usize)> {
-    let cross_section = |group: &Group| group.1.radius().powi(2);
+    let cross_section = |group: &Group| group.radius.powi(2);
     let pairs = (0..groups.len()).flat_map(|j| (0..j).map(move |i| (i, j)));
     pairs
         .map(|(i, j)| {
@@ -173,11 +201,11 @@ fn group(boxes: &mut [Group], max: usize, out: &mut Vec<Group>) {
         out.extend(boxes.iter().copied().reduce(|a, b| merged(&a, &b)));
         return;
     }
-    let centers = boxes.iter().fold(Bounds::EMPTY, |a, b| a.grow(b.1.center()));
+    let centers = boxes.iter().fold(Bounds::EMPTY, |a, b| a.grow(b.bounds.center()));
     let extent = centers.max - centers.min;
     let axis = (0..3).max_by(|&a, &b| extent[a].total_cmp(&extent[b])).unwrap_or(0);
     let middle = boxes.len() / 2;
-    boxes.select_nth_unstable_by(middle, |a, b| a.1.center()[axis].total_cmp(&b.1.center()[axis]));
+    boxes.select_nth_unstable_by(middle, |a, b| a.bounds.center()[axis].total_cmp(&b.bounds.center()[axis]));
     let (low, high) = boxes.split_at_mut(middle);
     group(low, max / 2, out);
     group(high, max - max / 2, out);
@@ -193,7 +221,7 @@ mod tests {
     }
 
     fn targets(boxes: Vec<Bounds>) -> Targets {
-        Targets::new(boxes.into_iter().enumerate().map(|(i, b)| (i as u32, b)))
+        Targets::new(boxes.into_iter().enumerate().map(|(i, b)| (i as u32, b, b.radius())))
     }
 
     /// ∫ over the union of the spheres' cones of 1 dω, by sampling and by brute force over all directions.

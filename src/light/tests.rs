@@ -1,7 +1,7 @@
 use super::*;
 use crate::image_io::Image;
 use crate::math::{Ray, Sampler, Stream};
-use crate::shape::{Cylinder, Disk, Hit, Mesh, Shape, Sphere, SurfacePoint};
+use crate::shape::{Cylinder, Disk, Hit, Mesh, Shape, Sphere, SurfacePoint, Wanted};
 use glam::{Affine2, Affine3A, DVec3, Mat3};
 use std::f64::consts::{PI as PI64, TAU as TAU64};
 
@@ -123,7 +123,7 @@ fn projector(to_world: Affine3A, half_width: f32, aspect: f32, irradiance: Color
 fn hit(shape: &Shape, ray: &Ray) -> Option<SurfacePoint> {
     let Shape::Mesh(mesh) = shape else {
         let t = shape.intersect(ray)?;
-        return Some(shape.point(ray, &Hit { t, u: 0.0, v: 0.0, shape: 0, primitive: 0 }));
+        return Some(shape.point(ray, &Hit { t, u: 0.0, v: 0.0, shape: 0, primitive: 0 }, Wanted::All));
     };
     let mut nearest = (ray.t_max as f64, None);
     for triangle in 0..mesh.triangles.len() as u32 {
@@ -135,7 +135,7 @@ fn hit(shape: &Shape, ray: &Ray) -> Option<SurfacePoint> {
         let (u, v) = (o.dot(d.cross(e2)) / det, d.dot(o.cross(e1)) / det);
         let t = e2.dot(o.cross(e1)) / det;
         if u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > ray.t_min as f64 && t < nearest.0 {
-            nearest = (t, Some(mesh.point(triangle, u as f32, v as f32)));
+            nearest = (t, Some(mesh.point(triangle, u as f32, v as f32, Wanted::All)));
         }
     }
     nearest.1
@@ -791,7 +791,7 @@ fn emission_and_direct_light_agree() {
     let disk =
         crate::shape::Bounds { min: Vec3::new(-RADIUS, -RADIUS, 0.0), max: Vec3::new(RADIUS, RADIUS, 0.0) };
     // No light's own shape.
-    let around = Targets::new([(7, disk)].into_iter());
+    let around = Targets::new([(7, disk, disk.radius())].into_iter());
     for (name, setup) in every_kind() {
         let (mut photons, mut aimed, mut direct) = ([0.0f64; 3], [0.0f64; 3], [0.0f64; 3]);
         for i in 0..N {

@@ -14,6 +14,10 @@ pub enum Stream {
     CausticPhotons = 3,
     /// Camera rays before the first pass; `set` is the pixel, `index` the sample.
     Guides = 4,
+    /// Photons that are sent ahead to learn where caustics come from.
+    Pilots = 5,
+    /// Photon paths that only show where light lands.
+    Sites = 6,
 }
 
 /// One point of a low-discrepancy set, read dimension by dimension.

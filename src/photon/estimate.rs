@@ -127,12 +127,67 @@ pub struct Levels {
     pub fine: Rgb,
 }
 
+/// Where an estimate is made.
+#[derive(Clone, Copy)]
+struct Place<'a> {
+    p: Vec3,
+    n_g: Vec3,
+    facet: Option<&'a Facet>,
+}
+
+impl<'a> Place<'a> {
+    fn of(s: &Surface<'a>) -> Place<'a> {
+        Place { p: s.p, n_g: s.n_g, facet: s.facet }
+    }
+}
+
+/// A point whose irradiance is to be known, on one of its sides.
+#[derive(Clone, Copy, Debug)]
+pub struct Site<'a> {
+    /// Position.
+    pub p: Vec3,
+    /// Geometric normal, as the shape is oriented.
+    pub n_g: Vec3,
+    /// Shading normal, on the side that is meant.
+    pub n_s: Vec3,
+    /// The flat polygon that the surface ends with, if it is one.
+    pub facet: Option<&'a Facet>,
+}
+
+impl<'a> Site<'a> {
+    /// The side of `s` that its shading normal says `w` (world) is on.
+    pub fn new(s: &Surface<'a>, w: Vec3) -> Site<'a> {
+        Site { p: s.p, n_g: s.n_g, n_s: s.frame.n * 1f32.copysign(s.frame.n.dot(w)), facet: s.facet }
+    }
+}
+
 impl Estimator {
-    /// Radiance that `share` of the BSDF at `s` reflects towards `wo` (world) out of the light in `what`.
+    const FEWEST: u32 = 16;
+
+    /// For `k` photons within `r_max`, and a radius `shrink` times that of the first pass.
+    ///
+    /// As the radius shrinks, a search need not go as far: to find twice as many photons as the shrunk radius holds of k
+    /// is enough. No fewer, for photons are spread more evenly than chance would spread them, and then an estimate over
+    /// the very disk that ends at the k-th photon is too dark, by up to 1/(2k).
+    pub fn new(k: u32, r_max: f32, shrink: f32, kernel: Kernel) -> Estimator {
+        let enough = (2.0 * k as f32 * shrink * shrink).ceil() as u32;
+        let fewer = enough.max(Self::FEWEST).min(k);
+        let by_number = (fewer as f32 / k as f32).sqrt();
+        Estimator { k: fewer, r_max: r_max * by_number, shrink: shrink / by_number, kernel }
+    }
+
+    /// How many photons the disk of a lookup holds.
+    pub fn effective_k(&self) -> f32 {
+        self.k as f32 * self.shrink * self.shrink
+    }
+
+    /// Radiance that `share` of the BSDF at `s` reflects towards `wo` (world) out of the light in `what`; the fine level
+    /// only if `fine`.
     ///
     /// The radius is the shrunk distance R of the k-th photon. That photon itself does not count: given R, the
     /// other k − 1 are distributed over the disk as the light is, which makes the sum unbiased where light is
     /// uniform; k/(πR²) would be k/(k−1) too bright.
+    #[allow(clippy::too_many_arguments)]
     pub fn radiance(
         &self,
         map: &PhotonMap,
@@ -140,27 +195,58 @@ impl Estimator {
         wo: Vec3,
         share: Share,
         what: Photons,
+        fine: bool,
         heap: &mut KnnHeap,
     ) -> Levels {
         let wo = s.frame.to_local(wo);
         if map.is_empty() || !s.bsdf.scatters_on(wo) {
             return Levels::default();
         }
-        let r2_full = self.nearest(map, s, heap);
+        match s.bsdf.diffuse_only() {
+            Some(f) => {
+                let n_s = s.frame.n * 1f32.copysign(wo.z);
+                let levels = self.sum(map, Place::of(s), what, fine, heap, |wi| arriving(n_s, s.n_g, wi)).0;
+                Levels { wide: f * levels.wide, fine: f * levels.fine }
+            }
+            None => {
+                let reflected = |wi| scattered(s, wo, wi, share);
+                self.sum(map, Place::of(s), what, fine, heap, reflected).0
+            }
+        }
+    }
+
+    /// Irradiance at `site`, and the radius of the disk that it was estimated over.
+    pub fn irradiance(&self, map: &PhotonMap, site: &Site, what: Photons, heap: &mut KnnHeap) -> (Rgb, f32) {
+        let place = Place { p: site.p, n_g: site.n_g, facet: site.facet };
+        let (levels, r) = self.sum(map, place, what, false, heap, |wi| arriving(site.n_s, site.n_g, wi));
+        (levels.wide, r)
+    }
+
+    /// The sum of flux · `factor(wi)` · kernel over the photons around a place, and the kernel's radius.
+    #[inline(always)]
+    fn sum(
+        &self,
+        map: &PhotonMap,
+        place: Place,
+        what: Photons,
+        fine: bool,
+        heap: &mut KnnHeap,
+        factor: impl Fn(Vec3) -> Rgb,
+    ) -> (Levels, f32) {
+        let r2_full = self.nearest(map, place, heap);
         let r2_own = if heap.is_full() { r2_full } else { f32::INFINITY };
         let r2 = r2_full * self.shrink * self.shrink;
         if r2 <= 0.0 {
-            return Levels::default();
+            return (Levels::default(), 0.0);
         }
         // What of the disk hangs over the edge of the surface holds no photons.
         let r = r2.sqrt();
-        let at = s.facet.map(|facet| (facet, facet.project(s.p)));
+        let at = place.facet.map(|facet| (facet, facet.project(place.p)));
         let covered = |r| at.map_or(1.0, |(facet, p)| self.kernel.coverage(facet, p, r));
         let wide_share = covered(r);
-        let fine_share = if wide_share < 1.0 { covered(FINE * r) } else { 1.0 };
+        let fine_share = if fine && wide_share < 1.0 { covered(FINE * r) } else { 1.0 };
         // Across a seam, other surfaces may go on in the same plane.
         let own = at.map(|(facet, _)| facet).filter(|_| wide_share < 1.0);
-        let lambertian = s.bsdf.diffuse_only();
         let mut sum = Levels::default();
         let mut skipped_farthest = false;
         for (slot, d2) in heap.iter() {
@@ -178,25 +264,15 @@ impl Estimator {
             if own.is_some_and(|facet| !facet.contains(facet.project(map.tree().position(slot)))) {
                 continue;
             }
-            let wi = map.wi(slot);
-            let reflected = match lambertian {
-                Some(_) => {
-                    let wi_n = s.frame.n.dot(wi);
-                    if wi_n * wo.z <= 0.0 {
-                        continue;
-                    }
-                    map.flux(slot) * shading_ratio(wi_n, s.n_g.dot(wi))
-                }
-                None => map.flux(slot) * scattered(s, wo, wi, share),
-            };
+            let arrived = map.flux(slot) * factor(map.wi(slot));
             let t2 = d2 / r2;
-            sum.wide += reflected * self.kernel.weight(t2);
-            if t2 < FINE * FINE {
-                sum.fine += reflected * (self.kernel.weight(t2 / (FINE * FINE)) / (FINE * FINE));
+            sum.wide += arrived * self.kernel.weight(t2);
+            if fine && t2 < FINE * FINE {
+                sum.fine += arrived * (self.kernel.weight(t2 / (FINE * FINE)) / (FINE * FINE));
             }
         }
-        let scale = lambertian.unwrap_or(Rgb::ONE) / (PI * r2);
-        Levels { wide: sum.wide * scale / wide_share, fine: sum.fine * scale / fine_share }
+        let scale = 1.0 / (PI * r2);
+        (Levels { wide: sum.wide * (scale / wide_share), fine: sum.fine * (scale / fine_share) }, r)
     }
 
     /// Photons per area around `s`.
@@ -204,18 +280,18 @@ impl Estimator {
         if map.is_empty() {
             return 0.0;
         }
-        let area = PI * self.nearest(map, s, heap);
+        let area = PI * self.nearest(map, Place::of(s), heap);
         let count = if heap.is_full() { heap.len() - 1 } else { heap.len() };
         if area > 0.0 { count as f32 / area } else { 0.0 }
     }
 
-    /// Finds the photons around `s` that lie on the same surface; returns the square of the radius that holds them.
-    fn nearest(&self, map: &PhotonMap, s: &Surface, heap: &mut KnnHeap) -> f32 {
-        map.tree().nearest_filtered(s.p, self.r_max, heap, |slot, d2| {
+    /// Finds the photons around a place that lie on the same surface; returns the square of the radius that holds them.
+    fn nearest(&self, map: &PhotonMap, place: Place, heap: &mut KnnHeap) -> f32 {
+        map.tree().nearest_filtered(place.p, self.r_max, heap, |slot, d2| {
             // Near the tangent plane, and on a surface that faces the same way: no leaks through thin walls or
             // around corners.
-            let h = s.n_g.dot(map.tree().position(slot) - s.p);
-            h * h <= 0.1 * d2 && map.faces(slot, s.n_g, 0.7)
+            let h = place.n_g.dot(map.tree().position(slot) - place.p);
+            h * h <= 0.1 * d2 && map.faces(slot, place.n_g, 0.7)
         });
         if heap.is_full() { heap.max_dist2() } else { self.r_max * self.r_max }
     }
@@ -228,10 +304,10 @@ pub(super) fn scattered(s: &Surface, wo: Vec3, wi: Vec3, share: Share) -> Rgb {
     s.bsdf.eval(wo, s.frame.to_local(wi), Mode::Radiance, share) / cos_g
 }
 
-/// |wi·n_s| / |wi·n_g|: photons count flux through the geometric surface, scattering wants it through the shading
-/// one.
-fn shading_ratio(wi_s: f32, wi_g: f32) -> f32 {
-    wi_s.abs() / wi_g.abs().max(1e-4)
+/// What flux from `wi` counts for on the side of `n_s`: |wi·n_s| / |wi·n_g|, for photons count flux through the geometric
+/// surface, and scattering wants it through the shading one.
+fn arriving(n_s: Vec3, n_g: Vec3, wi: Vec3) -> Rgb {
+    Rgb::splat(n_s.dot(wi).max(0.0) / n_g.dot(wi).abs().max(1e-4))
 }
 
 #[cfg(test)]

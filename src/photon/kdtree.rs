@@ -70,16 +70,25 @@ impl KdTree {
     /// # Panics
     /// With 2³² points or more.
     pub fn build(points: &[Vec3]) -> (KdTree, Vec<u32>) {
-        debug_assert!(points.iter().all(|p| p.is_finite()), "points must be finite");
-        Self::build_any(points)
+        Self::build_by(points.len(), |i| points[i])
+    }
+
+    /// The same over the points `point(i)` for all i below `len`, wherever they lie. Takes 32 bytes a point in passing, the
+    /// tree and the order included.
+    ///
+    /// # Panics
+    /// With 2³² points or more.
+    pub fn build_by(len: usize, point: impl Fn(usize) -> Vec3 + Sync) -> (KdTree, Vec<u32>) {
+        debug_assert!((0..len).all(|i| point(i).is_finite()), "points must be finite");
+        Self::build_any(len, point)
     }
 
     /// Of any points whatever.
-    fn build_any(points: &[Vec3]) -> (KdTree, Vec<u32>) {
-        assert!(u32::try_from(points.len()).is_ok(), "too many points");
-        let mut items: Vec<Item> =
-            points.par_iter().enumerate().map(|(i, p)| Item { c: p.to_array(), index: i as u32 }).collect();
-        let n_blocks = points.len().div_ceil(BLOCK);
+    fn build_any(len: usize, point: impl Fn(usize) -> Vec3 + Sync) -> (KdTree, Vec<u32>) {
+        assert!(u32::try_from(len).is_ok(), "too many points");
+        let item = |i: usize| Item { c: point(i).to_array(), index: i as u32 };
+        let mut items: Vec<Item> = (0..len).into_par_iter().map(item).collect();
+        let n_blocks = len.div_ceil(BLOCK);
         let mut depth = 0;
         while n_blocks > LEAF_BLOCKS << depth {
             depth += 1;
@@ -101,7 +110,7 @@ impl KdTree {
             .collect_into_vec(&mut blocks);
         blocks.resize(blocks.len() + LEAF_BLOCKS, Block([Vec4::NAN; 3]));
         let order = items.par_iter().map(|item| item.index).collect();
-        (KdTree { len: points.len(), blocks, planes, axes }, order)
+        (KdTree { len, blocks, planes, axes }, order)
     }
 
     /// How many points there are.
@@ -711,7 +720,7 @@ mod tests {
                 _ => {}
             }
         }
-        let (tree, order) = KdTree::build_any(&points);
+        let (tree, order) = KdTree::build_any(points.len(), |i| points[i]);
         assert_eq!(order.len(), points.len());
         let mut heap = KnnHeap::new(20);
         for p in points.iter().chain(&[Vec3::splat(f32::MAX), Vec3::splat(f32::INFINITY)]).take(500) {

@@ -1,9 +1,10 @@
 //! The photon map: records of 14 bytes in tree order beside the tree's positions, 28 bytes a photon in all.
 
 use super::kdtree::KdTree;
-use super::octahedral::{agrees8, decode16, encode8, encode16};
+use super::octahedral::{agrees8, decode8, decode16, encode8, encode16};
 use crate::math::Rgb;
 use glam::Vec3;
+use rayon::prelude::*;
 
 /// A photon where it lands, as transport hands it over.
 #[derive(Clone, Copy, Debug)]
@@ -59,6 +60,34 @@ impl Record {
     }
 }
 
+/// A photon as it is kept until a map is built, 28 bytes.
+#[derive(Clone, Copy, Debug)]
+pub struct Packed {
+    p: Vec3,
+    record: Record,
+}
+
+impl Packed {
+    /// The same photon, with directions, normal and flux rounded as in a map.
+    pub fn unpack(&self) -> Photon {
+        let Packed { p, record } = self;
+        Photon {
+            p: *p,
+            wi: decode16(record.wi),
+            n_g: decode8(record.n_g),
+            flux: record.flux(),
+            depth: record.depth & !CAUSTIC,
+            caustic: record.depth & CAUSTIC != 0,
+        }
+    }
+}
+
+impl From<Photon> for Packed {
+    fn from(photon: Photon) -> Packed {
+        Packed { p: photon.p, record: Record::new(&photon) }
+    }
+}
+
 /// Photons, found by position.
 #[derive(Debug)]
 pub struct PhotonMap {
@@ -67,11 +96,18 @@ pub struct PhotonMap {
 }
 
 impl PhotonMap {
+    /// No photon is told to have flown more segments.
+    pub const MAX_DEPTH: u32 = !CAUSTIC as u32;
+
     /// Builds the map; the order of `photons` decides ties, so equal input gives equal maps.
     pub fn new(photons: &[Photon]) -> PhotonMap {
-        let points: Vec<Vec3> = photons.iter().map(|photon| photon.p).collect();
-        let (tree, order) = KdTree::build(&points);
-        let records = order.iter().map(|&i| Record::new(&photons[i as usize])).collect();
+        PhotonMap::of_packed(photons.iter().map(|&photon| photon.into()).collect())
+    }
+
+    /// The same from photons that are packed already. Takes 60 bytes a photon at most, theirs included.
+    pub fn of_packed(photons: Vec<Packed>) -> PhotonMap {
+        let (tree, order) = KdTree::build_by(photons.len(), |i| photons[i].p);
+        let records = order.par_iter().map(|&i| photons[i as usize].record).collect();
         PhotonMap { tree, records }
     }
 

@@ -2,13 +2,18 @@
 //! points, and density estimation ([`Estimator`]).
 
 mod estimate;
+mod guide;
+mod importance;
+mod irradiance;
 pub mod kdtree;
 mod map;
 mod octahedral;
 mod splat;
 mod trace;
 
-pub use estimate::{Estimator, Kernel, Levels, Photons};
-pub use map::{Photon, PhotonMap};
+pub use estimate::{Estimator, Kernel, Levels, Photons, Site};
+pub use guide::Guide;
+pub use irradiance::Irradiance;
+pub use map::{Packed, Photon, PhotonMap};
 pub use splat::{Splat, Splatter};
-pub use trace::{Store, Traced, trace};
+pub use trace::{Emission, Start, Store, Traced, trace};

@@ -41,8 +41,7 @@ pub(super) fn encode8(v: Vec3) -> [i8; 2] {
 }
 
 /// The inverse of [`encode8`].
-#[cfg(test)]
-fn decode8(v: [i8; 2]) -> Vec3 {
+pub(super) fn decode8(v: [i8; 2]) -> Vec3 {
     unproject(Vec2::new(v[0] as f32, v[1] as f32) / 127.0)
 }
 

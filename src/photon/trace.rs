@@ -1,11 +1,12 @@
 //! Photon emission and transport.
 
-use super::Photon;
 use super::splat::{Splat, Splatter};
+use super::{Guide, Packed, Photon, Site};
 use crate::bsdf::{Mode, Share};
-use crate::math::{Rgb, Sampler, Stream};
+use crate::light::EmissionSample;
+use crate::math::{Ray, Rgb, Sampler, Stream};
 use crate::scene::{Scene, Surface};
-use glam::Vec3;
+use glam::{Vec3, vec2};
 use rayon::prelude::*;
 
 /// What a photon pass stores.
@@ -16,15 +17,19 @@ pub enum Store {
     /// Only the caustic share: light that has met nothing but sharp lobes (see [`crate::bsdf::Share::BroadLight`]),
     /// and at least one unless it left its lamp as a beam.
     Caustic,
+    /// No light, but places that it reaches.
+    Sites,
 }
 
 /// What a photon pass brings home.
 #[derive(Debug, Default)]
-pub struct Traced {
+pub struct Traced<'a> {
     /// Photons in order of emission, whatever the number of threads.
-    pub photons: Vec<Photon>,
+    pub photons: Vec<Packed>,
     /// What of them the camera sees directly, likewise in order.
     pub splats: Vec<Splat>,
+    /// In [`Store::Sites`], where photons have landed on diffuse surfaces, in order.
+    pub sites: Vec<Site<'a>>,
     /// Rays traced.
     pub rays: u64,
 }
@@ -41,26 +46,47 @@ fn adjoint_correction(s: &Surface, wo: Vec3, wi: Vec3) -> f32 {
     if below == 0.0 { 0.0 } else { (above / below).abs() }
 }
 
-/// Emits `count` photon paths and stores them where they meet non-delta surfaces, up to `max_depth` segments. With a
-/// `splatter`, caustics are also shown to the camera.
-pub fn trace(
-    scene: &Scene,
-    seed: u64,
-    pass: u32,
-    store: Store,
-    count: u64,
-    max_depth: u32,
-    splatter: Option<&Splatter>,
-) -> Traced {
+/// What to emit, and what becomes of it.
+#[derive(Clone, Copy)]
+pub struct Emission<'a> {
+    /// What is stored.
+    pub store: Store,
+    /// Photon paths.
+    pub count: u64,
+    /// Most segments of a path.
+    pub max_depth: u32,
+    /// What to start from, where only caustics count.
+    pub guide: Option<&'a Guide>,
+    /// Shows caustics to the camera, too.
+    pub splatter: Option<&'a Splatter<'a>>,
+}
+
+impl Emission<'_> {
+    /// All of `store`, as if nothing were known of the scene.
+    pub fn new(store: Store, count: u64, max_depth: u32) -> Emission<'static> {
+        Emission { store, count, max_depth, guide: None, splatter: None }
+    }
+}
+
+/// Emits photon paths, and stores what they carry where they meet non-delta surfaces.
+pub fn trace<'a>(scene: &'a Scene, seed: u64, pass: u32, emission: &Emission) -> Traced<'a> {
     const BATCH: u64 = 4096;
-    let stream = if store == Store::Caustic { Stream::CausticPhotons } else { Stream::GlobalPhotons };
+    let count = emission.count;
+    let stream = match emission.store {
+        Store::All => Stream::GlobalPhotons,
+        Store::Caustic => Stream::CausticPhotons,
+        Store::Sites => Stream::Sites,
+    };
     let batches: Vec<Traced> = (0..count.div_ceil(BATCH))
         .into_par_iter()
         .map(|batch| {
             let mut out = Traced::default();
             for index in batch * BATCH..((batch + 1) * BATCH).min(count) {
                 let mut sampler = Sampler::new(seed, stream, pass as u64, index);
-                trace_one(scene, &mut sampler, store, 1.0 / count as f32, max_depth, splatter, &mut out);
+                let (at, weight) = Start::draw(&mut sampler, emission.guide);
+                if let Some(start) = at.emit(scene, emission.store) {
+                    fly(scene, &start, weight / count as f32, &mut sampler, emission, &mut out);
+                }
             }
             out
         })
@@ -70,26 +96,45 @@ pub fn trace(
     for batch in batches {
         all.photons.extend_from_slice(&batch.photons);
         all.splats.extend_from_slice(&batch.splats);
+        all.sites.extend_from_slice(&batch.sites);
         all.rays += batch.rays;
     }
     all
 }
 
-fn trace_one(
-    scene: &Scene,
-    sampler: &mut Sampler,
-    store: Store,
+/// The random numbers that a photon starts from: light, position, direction.
+#[derive(Clone, Copy, Debug)]
+pub struct Start(pub [f32; 5]);
+
+impl Start {
+    /// Draws them by `guide`, if there is one; also returns 1 / density.
+    pub fn draw(sampler: &mut Sampler, guide: Option<&Guide>) -> (Start, f32) {
+        let (light, position, direction) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
+        let u = [light, position.x, position.y, direction.x, direction.y];
+        let (at, weight) = guide.map_or((u, 1.0), |guide| guide.warp(u));
+        (Start(at), weight)
+    }
+
+    /// The photon that starts from them, towards what it is to find.
+    pub fn emit(&self, scene: &Scene, store: Store) -> Option<EmissionSample> {
+        let Start([light, x, y, s, t]) = *self;
+        let targets = if store == Store::Caustic { &scene.casters } else { &scene.targets };
+        let (geometry, textures) = (&scene.geometry, &scene.textures);
+        scene.lights.sample_emission(geometry, textures, targets, light, vec2(x, y), vec2(s, t))
+    }
+}
+
+/// Follows one photon of `scale` times its flux.
+pub(super) fn fly<'a>(
+    scene: &'a Scene,
+    start: &EmissionSample,
     scale: f32,
-    max_depth: u32,
-    splatter: Option<&Splatter>,
-    out: &mut Traced,
+    sampler: &mut Sampler,
+    emission: &Emission,
+    out: &mut Traced<'a>,
 ) {
-    let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
-    let targets = if store == Store::Caustic { &scene.casters } else { &scene.targets };
-    let (geometry, textures) = (&scene.geometry, &scene.textures);
-    let emitted = scene.lights.sample_emission(geometry, textures, targets, u_light, u_pos, u_dir);
-    let Some(start) = emitted else { return };
-    let mut ray = crate::math::Ray::new(start.o, start.d);
+    let Emission { store, max_depth, splatter, .. } = *emission;
+    let mut ray = Ray::new(start.o, start.d);
     let mut flux = start.flux * scale;
     // The share of the flux that has met only sharp lobes so far.
     let mut caustic = flux;
@@ -98,10 +143,15 @@ fn trace_one(
         out.rays += 1;
         let Some(s) = scene.hit(&ray) else { return };
         let wi = -ray.d;
-        if s.bsdf.has_smooth() {
+        if store == Store::Sites {
+            if s.bsdf.diffuse_only().is_some() {
+                out.sites.push(Site::new(&s, wi));
+            }
+        } else if s.bsdf.has_smooth() {
             let mut push = |flux: Rgb, caustic| {
                 if flux.max_element() > 0.0 {
-                    out.photons.push(Photon { p: s.p, wi, n_g: s.n_g, flux, depth: depth as u8, caustic });
+                    let photon = Photon { p: s.p, wi, n_g: s.n_g, flux, depth: depth as u8, caustic };
+                    out.photons.push(photon.into());
                 }
             };
             let shown = if depth == 1 && !beam { Rgb::ZERO } else { caustic };

@@ -49,6 +49,7 @@ impl Scene {
             casters: _,
             facets: _,
             shape_light: _,
+            shape_wanted: _,
             intersector: _,
         } = self;
         let mut hasher = Hasher(Xxh3::new());

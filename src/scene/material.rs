@@ -6,6 +6,7 @@ use crate::bsdf::{
 };
 use crate::texture::{Color, Lookup, Scalar, Texture};
 use glam::Vec3;
+use std::cell::Cell;
 
 /// Roughness of a microfacet material.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -328,6 +329,8 @@ impl Material {
             | Material::Conductor { .. }
             | Material::Dielectric { .. }
             | Material::ThinDielectric { .. } => (false, true),
+            // As lamps often are.
+            Material::Diffuse { reflectance: Color::Constant(Vec3::ZERO) } => (false, false),
             Material::Diffuse { .. }
             | Material::RoughDiffuse { .. }
             | Material::DiffuseTransmitter { .. } => (true, false),
@@ -367,6 +370,62 @@ impl Material {
             Material::PrincipledThin(params) => !is_zero(&params.anisotropic),
             Material::Ward { alpha_u, alpha_v, .. } => alpha_u != alpha_v,
             _ => false,
+        }
+    }
+
+    /// Whether anything about it is looked up by texture coordinates.
+    pub fn is_textured(&self) -> bool {
+        let colors = |colors: &[&Color]| colors.iter().any(|c| c.is_textured());
+        let scalars = |scalars: &[&Scalar]| scalars.iter().any(|s| s.is_textured());
+        let rough = |r: &Roughness| scalars(&[&r.alpha_u, &r.alpha_v]);
+        match self {
+            Material::Null => false,
+            Material::Diffuse { reflectance } => colors(&[reflectance]),
+            Material::Conductor { eta, k, reflectance } => colors(&[eta, k, reflectance]),
+            Material::RoughConductor { eta, k, roughness, reflectance } => {
+                colors(&[eta, k, reflectance]) || rough(roughness)
+            }
+            Material::Dielectric { reflectance, transmittance, .. }
+            | Material::ThinDielectric { reflectance, transmittance, .. } => {
+                colors(&[reflectance, transmittance])
+            }
+            Material::RoughDielectric { roughness, reflectance, transmittance, .. } => {
+                colors(&[reflectance, transmittance]) || rough(roughness)
+            }
+            Material::Plastic { diffuse, specular, .. }
+            | Material::RoughPlastic { diffuse, specular, .. } => colors(&[diffuse, specular]),
+            Material::Principled(params) => {
+                let any = Cell::new(false);
+                let note = |textured: bool| any.set(any.get() | textured);
+                let _ = params.map(|c| note(c.is_textured()), |s| note(s.is_textured()));
+                any.get()
+            }
+            Material::PrincipledThin(params) => {
+                let any = Cell::new(false);
+                let note = |textured: bool| any.set(any.get() | textured);
+                let _ = params.map(|c| note(c.is_textured()), |s| note(s.is_textured()));
+                any.get()
+            }
+            Material::Phong { diffuse, specular, exponent } => {
+                colors(&[diffuse, specular]) || scalars(&[exponent])
+            }
+            Material::Ward { diffuse, specular, alpha_u, alpha_v, .. } => {
+                colors(&[diffuse, specular]) || scalars(&[alpha_u, alpha_v])
+            }
+            Material::RoughDiffuse { reflectance, alpha, .. } => colors(&[reflectance]) || scalars(&[alpha]),
+            Material::DiffuseTransmitter { transmittance } => colors(&[transmittance]),
+            Material::TwoSided { front, back } => {
+                front.is_textured() || back.as_ref().is_some_and(|b| b.is_textured())
+            }
+            Material::Blend { weight, nested } => {
+                scalars(&[weight]) || nested.iter().any(|m| m.is_textured())
+            }
+            Material::Coated { specular, absorption, nested, .. } => {
+                colors(&[specular, absorption]) || nested.is_textured()
+            }
+            Material::NormalMap { normals, nested, .. } => colors(&[normals]) || nested.is_textured(),
+            Material::BumpMap { height, nested, .. } => scalars(&[height]) || nested.is_textured(),
+            Material::Mask { opacity, nested } => scalars(&[opacity]) || nested.is_textured(),
         }
     }
 

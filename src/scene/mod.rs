@@ -25,7 +25,7 @@ use crate::camera::Camera;
 use crate::film::FilmSettings;
 use crate::light::{Light, Lights, Targets};
 use crate::math::{Frame, Ray, Rgb, Sampler, offset_origin};
-use crate::shape::{Bounds, Facet, Facets, Geometry, Hit};
+use crate::shape::{Bounds, Facet, Facets, Geometry, Hit, Shape, Wanted};
 use crate::texture::{Lookup, Texture};
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
@@ -94,6 +94,7 @@ pub struct Scene {
     facets: Facets,
     shape_material: Vec<u32>,
     shape_light: Vec<Option<u32>>,
+    shape_wanted: Vec<Wanted>,
     intersector: Box<dyn Intersector>,
 }
 
@@ -139,6 +140,15 @@ impl Scene {
     /// # Errors
     /// [`Error::Usage`] if the build lacks `backend`, [`Error::Runtime`] if building the structure fails.
     pub fn new(d: SceneDescription, backend: Backend) -> Result<Scene> {
+        let intersector = accel::build(backend, &d.geometry)?;
+        Scene::with_intersector(d, intersector)
+    }
+
+    /// The same with an `intersector` over the description's geometry that exists already.
+    ///
+    /// # Errors
+    /// [`Error::Runtime`] if shapes and materials don't match.
+    pub fn with_intersector(d: SceneDescription, intersector: Box<dyn Intersector>) -> Result<Scene> {
         let bounds = d.geometry.bounds();
         let lights = Lights::new(d.lights, &d.geometry, &d.textures);
         let mut shape_light = vec![None; d.geometry.shapes.len()];
@@ -150,11 +160,23 @@ impl Scene {
         if d.shape_material.len() != d.geometry.shapes.len() {
             return Err(Error::Runtime("every shape needs a material".into()));
         }
-        let boxes: Vec<_> = (0..).zip(d.geometry.shapes.iter().map(|shape| shape.bounds())).collect();
-        let targets = Targets::new(boxes.iter().copied());
+        let bounded = |(i, shape): (u32, &Shape)| {
+            let bounds = shape.bounds();
+            (i, bounds, shape.radius_around(bounds.center()))
+        };
+        let shapes: Vec<_> = (0..).zip(&d.geometry.shapes).map(bounded).collect();
+        let targets = Targets::new(shapes.iter().copied());
         let sharp = |shape: u32| d.materials[d.shape_material[shape as usize] as usize].lobes().sharp;
-        let casters = Targets::new(boxes.iter().copied().filter(|&(shape, _)| sharp(shape)));
-        let intersector = accel::build(backend, &d.geometry)?;
+        let casters = Targets::new(shapes.iter().copied().filter(|&(shape, ..)| sharp(shape)));
+        let wanted = |(&material, light): (&u32, &Option<u32>)| {
+            let material = &d.materials[material as usize];
+            let shines_by_texture = light.is_some_and(|l| lights.lights()[l as usize].is_textured());
+            match material.is_textured() || material.needs_tangent() || shines_by_texture {
+                true => Wanted::All,
+                false => Wanted::Untextured,
+            }
+        };
+        let shape_wanted = d.shape_material.iter().zip(&shape_light).map(wanted).collect();
         let facets = Facets::new(&d.geometry);
         Ok(Scene {
             geometry: d.geometry,
@@ -169,6 +191,7 @@ impl Scene {
             facets,
             shape_material: d.shape_material,
             shape_light,
+            shape_wanted,
             intersector,
         })
     }
@@ -184,6 +207,16 @@ impl Scene {
     pub fn lobes(&self) -> Lobes {
         let materials = self.shape_material.iter().map(|&m| &self.materials[m as usize]);
         materials.fold(Lobes::default(), |lobes, material| lobes.union(material.lobes()))
+    }
+
+    /// How many of the shapes need texture coordinates and tangents.
+    pub fn textured_shapes(&self) -> usize {
+        self.shape_wanted.iter().filter(|&&wanted| wanted == Wanted::All).count()
+    }
+
+    /// Has texture coordinates and tangents computed everywhere, to see what it costs. No picture changes.
+    pub fn compute_everything(&mut self) {
+        self.shape_wanted.fill(Wanted::All);
     }
 
     /// The material of a shape.
@@ -209,12 +242,16 @@ impl Scene {
     /// Shading data of a hit.
     pub fn surface(&self, ray: &Ray, hit: &Hit) -> Surface<'_> {
         let shape = &self.geometry.shapes[hit.shape as usize];
-        let point = shape.point(ray, hit);
+        let wanted = self.shape_wanted[hit.shape as usize];
+        let point = shape.point(ray, hit, wanted);
         let at = Lookup::new(shape, point.uv, hit.primitive, Vec2::new(hit.u, hit.v));
         let material = self.material(hit.shape);
-        let (frame, partials) = if material.needs_tangent() {
+        let (frame, partials) = if wanted == Wanted::All {
             let partials = shape.partials(hit, &point);
-            let frame = Frame::from_normal_and_tangent(point.n_s, partials[0]);
+            let frame = match material.needs_tangent() {
+                true => Frame::from_normal_and_tangent(point.n_s, partials[0]),
+                false => Frame::from_normal(point.n_s),
+            };
             (frame, partials.map(|p| frame.to_local(p)))
         } else {
             (Frame::from_normal(point.n_s), [Vec3::ZERO; 2])

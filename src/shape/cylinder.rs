@@ -1,6 +1,6 @@
 //! Open cylinders.
 
-use super::{Bounds, SurfacePoint, closest, padded, similar, stable_roots};
+use super::{Bounds, SurfacePoint, Wanted, closest, padded, similar, stable_roots};
 use crate::math::{Frame, Ray};
 use glam::{Affine3A, DVec3, Vec2, Vec3};
 use std::f64::consts::TAU;
@@ -98,24 +98,26 @@ impl Cylinder {
     }
 
     /// The surface point at the distance `t` that [`Cylinder::intersect`] found.
-    pub fn point(&self, ray: &Ray, t: f32) -> SurfacePoint {
+    pub fn point(&self, ray: &Ray, t: f32, wanted: Wanted) -> SurfacePoint {
         let t = self.roots(ray).map_or(t as f64, |roots| closest(roots, t));
         let (p, height) = self.relative(ray, t);
-        self.at(p - self.axis.as_dvec3() * height, height)
+        self.at(p - self.axis.as_dvec3() * height, height, wanted)
     }
 
     /// The surface point in a direction across the axis, which need not be normalised, at `height` in [0, 1].
-    pub fn at(&self, outward: DVec3, height: f64) -> SurfacePoint {
+    pub fn at(&self, outward: DVec3, height: f64, wanted: Wanted) -> SurfacePoint {
         let (p0, axis) = (self.p0.as_dvec3(), self.axis.as_dvec3());
         let n = outward.try_normalize().unwrap_or(self.x_axis.as_dvec3());
-        let phi = self.y_axis.as_dvec3().dot(n).atan2(self.x_axis.as_dvec3().dot(n)) / TAU;
         let n_g = if self.flipped { -n } else { n }.as_vec3();
         SurfacePoint {
             p: (p0 + axis * height + n * self.radius as f64).as_vec3(),
             magnitude: self.p0.abs().max((self.p0 + self.axis).abs()).max_element() + self.radius,
             n_g,
             n_s: n_g,
-            uv: Vec2::new(if phi < 0.0 { phi + 1.0 } else { phi } as f32, height as f32),
+            uv: wanted.uv(|| {
+                let phi = self.y_axis.as_dvec3().dot(n).atan2(self.x_axis.as_dvec3().dot(n)) / TAU;
+                Vec2::new(if phi < 0.0 { phi + 1.0 } else { phi } as f32, height as f32)
+            }),
         }
     }
 

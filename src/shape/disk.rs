@@ -1,6 +1,6 @@
 //! Flat disks.
 
-use super::{Bounds, SurfacePoint, padded};
+use super::{Bounds, SurfacePoint, Wanted, padded};
 use crate::math::Ray;
 use glam::{Affine3A, DVec2, Vec2, Vec3};
 use std::f64::consts::{PI, TAU};
@@ -68,20 +68,22 @@ impl Disk {
     }
 
     /// The surface point that the ray hits.
-    pub fn point(&self, ray: &Ray) -> SurfacePoint {
-        self.at(self.meet(ray).map_or(DVec2::ZERO, |(_, q)| q))
+    pub fn point(&self, ray: &Ray, wanted: Wanted) -> SurfacePoint {
+        self.at(self.meet(ray).map_or(DVec2::ZERO, |(_, q)| q), wanted)
     }
 
     /// The surface point at a position in the unit disk.
-    pub fn at(&self, q: DVec2) -> SurfacePoint {
+    pub fn at(&self, q: DVec2, wanted: Wanted) -> SurfacePoint {
         let offset = self.u_axis.as_dvec3() * q.x + self.v_axis.as_dvec3() * q.y;
-        let phi = q.y.atan2(q.x) / TAU;
         SurfacePoint {
             p: (self.center.as_dvec3() + offset).as_vec3(),
             magnitude: (self.center.abs() + self.u_axis.abs() + self.v_axis.abs()).max_element(),
             n_g: self.n_g,
             n_s: self.n_g,
-            uv: Vec2::new(q.length() as f32, if phi < 0.0 { phi + 1.0 } else { phi } as f32),
+            uv: wanted.uv(|| {
+                let phi = q.y.atan2(q.x) / TAU;
+                Vec2::new(q.length() as f32, if phi < 0.0 { phi + 1.0 } else { phi } as f32)
+            }),
         }
     }
 

@@ -1,6 +1,6 @@
 //! Triangle meshes.
 
-use super::{Bounds, SurfacePoint};
+use super::{Bounds, SurfacePoint, Wanted};
 use crate::math::first_index;
 use glam::{Affine3A, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -57,6 +57,15 @@ impl Mesh {
         };
         let chunks: Vec<Bounds> = self.triangles.par_chunks(CHUNK).map(of_chunk).collect();
         chunks.into_iter().fold(Bounds::EMPTY, Bounds::union)
+    }
+
+    /// Greatest distance from `center` of the vertices that triangles use.
+    pub fn radius_around(&self, center: Vec3) -> f32 {
+        let of_triangle = |t: &[u32; 3]| {
+            t.iter().map(|&i| self.positions[i as usize].distance_squared(center)).fold(0.0, f32::max)
+        };
+        let of_chunk = |chunk: &[[u32; 3]]| chunk.iter().map(of_triangle).fold(0.0, f32::max);
+        self.triangles.par_chunks(CHUNK).map(of_chunk).reduce(|| 0.0, f32::max).sqrt()
     }
 
     /// The square [-1,1]² of the xy plane with normal +z and texture coordinates 0..1, transformed. The normal goes
@@ -125,15 +134,20 @@ impl Mesh {
 
     /// Whether all triangles lie in one plane, exactly.
     pub fn is_flat(&self) -> bool {
+        self.plane().is_some()
+    }
+
+    /// A point and the normal of the plane that all triangles lie in, exactly, and face the same side of.
+    pub fn plane(&self) -> Option<(Vec3, Vec3)> {
         let mut normals = (0..self.triangles.len() as u32).map(|t| self.area_vector(t));
-        let Some(n) = normals.find(|n| *n != Vec3::ZERO) else { return false };
+        let n = normals.find(|n| *n != Vec3::ZERO)?;
         let origin = self.vertices(0)[0];
         let leaves = |t: &[u32; 3]| {
             let on_plane = t.iter().all(|&i| n.dot(self.positions[i as usize] - origin) == 0.0);
             let faces_alike = n.dot(self.area_vector_of(t)) >= 0.0;
             !(on_plane && faces_alike)
         };
-        first_index(&self.triangles, leaves).is_none()
+        first_index(&self.triangles, leaves).is_none().then(|| (origin, n.normalize()))
     }
 
     /// Sum of the triangles' areas.
@@ -145,8 +159,9 @@ impl Mesh {
         chunks.iter().sum::<f64>() as f32
     }
 
-    /// The point with barycentric weights (1−u−v, u, v). A triangle of no area has the normal z.
-    pub fn point(&self, triangle: u32, u: f32, v: f32) -> SurfacePoint {
+    /// The point with barycentric weights (1−u−v, u, v), with texture coordinates if they are `wanted`. A triangle of no
+    /// area has the normal z.
+    pub fn point(&self, triangle: u32, u: f32, v: f32, wanted: Wanted) -> SurfacePoint {
         let [i, j, k] = self.triangles[triangle as usize].map(|i| i as usize);
         let (a, b, c) = (self.positions[i], self.positions[j], self.positions[k]);
         let w = 1.0 - u - v;
@@ -155,10 +170,10 @@ impl Mesh {
             Some([]) | None => n_g,
             Some(n) => (n[i] * w + n[j] * u + n[k] * v).try_normalize().unwrap_or(n_g),
         };
-        let uv = match self.uvs.get(..) {
+        let uv = wanted.uv(|| match self.uvs.get(..) {
             Some([]) | None => Vec2::new(u, v),
             Some(t) => t[i] * w + t[j] * u + t[k] * v,
-        };
+        });
         let magnitude = a.abs().max(b.abs()).max(c.abs()).max_element();
         // From the edges, not the weighted vertices: the weights' rounding then stays within the plane.
         SurfacePoint { p: a + ((b - a) * u + (c - a) * v), magnitude, n_g, n_s, uv }

@@ -43,8 +43,23 @@ pub struct SurfacePoint {
     pub n_g: Vec3,
     /// Shading normal, unit length; equals `n_g` where no vertex normals exist.
     pub n_s: Vec3,
-    /// Texture coordinates.
+    /// Texture coordinates; zero unless they were wanted.
     pub uv: Vec2,
+}
+
+/// What of a surface point anybody will look at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// All of it.
+    All,
+    /// No texture coordinates: on quadrics they take inverse tangents, on meshes memory that nothing else touches.
+    Untextured,
+}
+
+impl Wanted {
+    fn uv(self, compute: impl FnOnce() -> Vec2) -> Vec2 {
+        if self == Wanted::All { compute() } else { Vec2::ZERO }
+    }
 }
 
 /// A point sampled on a surface.
@@ -141,6 +156,18 @@ impl Shape {
         }
     }
 
+    /// Radius of a sphere around `center` that holds the shape, but for rounding.
+    pub fn radius_around(&self, center: Vec3) -> f32 {
+        match self {
+            Shape::Mesh(m) => m.radius_around(center),
+            Shape::Sphere(s) => s.center.distance(center) + s.radius,
+            Shape::Disk(_) | Shape::Cylinder(_) => {
+                let bounds = self.bounds();
+                (bounds.max - center).abs().max((bounds.min - center).abs()).length()
+            }
+        }
+    }
+
     /// Distance of the nearest hit with an analytic shape, which all backends share. `None` for meshes: testing
     /// triangles is the backends' own business.
     pub fn intersect(&self, ray: &Ray) -> Option<f32> {
@@ -153,16 +180,17 @@ impl Shape {
     }
 
     /// The surface point of a hit on this shape.
-    pub fn point(&self, ray: &Ray, hit: &Hit) -> SurfacePoint {
+    pub fn point(&self, ray: &Ray, hit: &Hit, wanted: Wanted) -> SurfacePoint {
         match self {
-            Shape::Mesh(m) => m.point(hit.primitive, hit.u, hit.v),
-            Shape::Sphere(s) => s.point(ray, hit.t),
-            Shape::Disk(d) => d.point(ray),
-            Shape::Cylinder(c) => c.point(ray, hit.t),
+            Shape::Mesh(m) => m.point(hit.primitive, hit.u, hit.v, wanted),
+            Shape::Sphere(s) => s.point(ray, hit.t, wanted),
+            Shape::Disk(d) => d.point(ray, wanted),
+            Shape::Cylinder(c) => c.point(ray, hit.t, wanted),
         }
     }
 
-    /// ∂p/∂u and ∂p/∂v at a point of this shape, for anisotropic materials, normal maps and bump maps.
+    /// ∂p/∂u and ∂p/∂v at a point of this shape that was wanted with [`Wanted::All`], for anisotropic materials, normal
+    /// maps and bump maps.
     pub fn partials(&self, hit: &Hit, point: &SurfacePoint) -> [Vec3; 2] {
         match self {
             Shape::Mesh(m) => m.partials(hit.primitive),
@@ -179,6 +207,15 @@ impl Shape {
             Shape::Sphere(s) => !s.flipped,
             Shape::Disk(_) => true,
             Shape::Cylinder(c) => !c.flipped,
+        }
+    }
+
+    /// A point and the normal of the plane that it lies in, if it does.
+    pub fn plane(&self) -> Option<(Vec3, Vec3)> {
+        match self {
+            Shape::Mesh(m) => m.plane(),
+            Shape::Disk(d) => Some((d.center, d.n_g)),
+            Shape::Sphere(_) | Shape::Cylinder(_) => None,
         }
     }
 

@@ -1,6 +1,6 @@
 //! Sampling of shapes: uniform by area for all, by visible solid angle for spheres.
 
-use super::{AreaSample, Shape, Sphere, SurfacePoint};
+use super::{AreaSample, Shape, Sphere, SurfacePoint, Wanted};
 use crate::math::{Discrete, warp};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -21,19 +21,19 @@ impl Shape {
 
     /// A point uniform on the surface: `pdf_a` = 1 / [`Shape::area`]. `distribution` is the shape's own
     /// [`Shape::area_distribution`]. `None` if the shape has no area.
-    pub fn sample_area(&self, distribution: &Discrete, u: Vec2) -> Option<AreaSample> {
+    pub fn sample_area(&self, distribution: &Discrete, u: Vec2, wanted: Wanted) -> Option<AreaSample> {
         let point = match self {
             Shape::Mesh(m) => {
                 let (triangle, _, ux) = distribution.sample(u.x)?;
                 let b = warp::triangle(Vec2::new(ux, u.y));
-                let point = m.point(triangle as u32, b.x, b.y);
+                let point = m.point(triangle as u32, b.x, b.y, wanted);
                 return Some(AreaSample { triangle: triangle as u32, weights: b, ..point.into() });
             }
-            Shape::Sphere(s) => s.at(warp::sphere(u).as_dvec3()),
-            Shape::Disk(d) => d.at(warp::disk(u).as_dvec2()),
+            Shape::Sphere(s) => s.at(warp::sphere(u).as_dvec3(), wanted),
+            Shape::Disk(d) => d.at(warp::disk(u).as_dvec2(), wanted),
             Shape::Cylinder(c) => {
                 let (sin, cos) = (TAU * u.x as f64).sin_cos();
-                c.at(c.x_axis.as_dvec3() * cos + c.y_axis.as_dvec3() * sin, u.y as f64)
+                c.at(c.x_axis.as_dvec3() * cos + c.y_axis.as_dvec3() * sin, u.y as f64, wanted)
             }
         };
         Some(point.into())
@@ -51,7 +51,7 @@ impl Sphere {
 
     /// A point uniform in the solid angle under which the sphere is seen from `from`, and the unit direction to it.
     /// `None` from within.
-    pub fn sample_visible(&self, from: Vec3, u: Vec2) -> Option<(Vec3, AreaSample)> {
+    pub fn sample_visible(&self, from: Vec3, u: Vec2, wanted: Wanted) -> Option<(Vec3, AreaSample)> {
         let (one_minus_cos_max, sin2_max) = self.visible_cone(from)?;
         let h = u.y as f64 * one_minus_cos_max;
         let (cos, sin2) = (1.0 - h, h * (2.0 - h));
@@ -64,7 +64,7 @@ impl Sphere {
         let around = DVec2::from_angle(TAU * u.x as f64);
         let across: DVec3 = s * around.x + t * around.y;
         let wi = (axis * cos + across * sin2.sqrt()).as_vec3().normalize();
-        Some((wi, self.at(across * sin_alpha - axis * cos_alpha).into()))
+        Some((wi, self.at(across * sin_alpha - axis * cos_alpha, wanted).into()))
     }
 
     /// Pdf of [`Sphere::sample_visible`].

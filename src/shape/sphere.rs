@@ -1,6 +1,6 @@
 //! Spheres.
 
-use super::{Bounds, SurfacePoint, closest, first_in_range, padded, stable_roots};
+use super::{Bounds, SurfacePoint, Wanted, closest, first_in_range, padded, stable_roots};
 use crate::math::Ray;
 use glam::{Affine3A, DVec3, Mat3, Vec2, Vec3};
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
@@ -70,24 +70,27 @@ impl Sphere {
     }
 
     /// The surface point at the distance `t` that [`Sphere::intersect`] found.
-    pub fn point(&self, ray: &Ray, t: f32) -> SurfacePoint {
+    pub fn point(&self, ray: &Ray, t: f32, wanted: Wanted) -> SurfacePoint {
         // Solved again rather than stored: a distance in f32 is far too coarse for a small sphere seen from afar.
         let t = self.roots(ray).map_or(t as f64, |roots| closest(roots, t));
-        self.at(ray.o.as_dvec3() + ray.d.as_dvec3() * t - self.center.as_dvec3())
+        self.at(ray.o.as_dvec3() + ray.d.as_dvec3() * t - self.center.as_dvec3(), wanted)
     }
 
     /// The surface point in a direction from the centre, which need not be normalised.
-    pub fn at(&self, outward: DVec3) -> SurfacePoint {
+    pub fn at(&self, outward: DVec3, wanted: Wanted) -> SurfacePoint {
         let n = outward.try_normalize().unwrap_or(DVec3::Z);
-        let q = self.frame.as_dmat3().transpose() * n;
-        let uv = Vec2::new((q.y.atan2(q.x) / TAU) as f32, (q.x.hypot(q.y).atan2(q.z) * FRAC_1_PI) as f32);
+        let uv = wanted.uv(|| {
+            let q = self.frame.as_dmat3().transpose() * n;
+            let uv = Vec2::new((q.y.atan2(q.x) / TAU) as f32, (q.x.hypot(q.y).atan2(q.z) * FRAC_1_PI) as f32);
+            if uv.x < 0.0 { uv + Vec2::X } else { uv }
+        });
         let n_g = if self.flipped { -n } else { n }.as_vec3();
         SurfacePoint {
             p: (self.center.as_dvec3() + n * self.radius as f64).as_vec3(),
             magnitude: self.center.abs().max_element() + self.radius,
             n_g,
             n_s: n_g,
-            uv: if uv.x < 0.0 { uv + Vec2::X } else { uv },
+            uv,
         }
     }
 

@@ -23,7 +23,7 @@ fn assert_near(a: Vec3, b: [f32; 3]) {
 fn see(shape: &Shape, o: [f32; 3], d: [f32; 3]) -> (Vec3, Vec3, Vec2, Vec3) {
     let ray = Ray::new(o.into(), d.into());
     let hit = Hit { t: shape.intersect(&ray).expect("a hit"), u: 0.0, v: 0.0, shape: 0, primitive: 0 };
-    let point = shape.point(&ray, &hit);
+    let point = shape.point(&ray, &hit, Wanted::All);
     (point.p, point.n_g, point.uv, shape.partials(&hit, &point)[0])
 }
 
@@ -99,16 +99,16 @@ fn quadrics_agree_with_mitsuba() {
 #[test]
 fn rectangle_and_cube_agree_with_mitsuba() {
     let rectangle = Mesh::rectangle(Affine3A::from_scale(Vec3::new(2.0, 3.0, 1.0)));
-    let point = rectangle.point(0, 0.25, 0.5);
+    let point = rectangle.point(0, 0.25, 0.5, Wanted::All);
     assert_eq!(point.n_g, Vec3::Z);
     assert_eq!(point.p, ((point.uv * 2.0 - 1.0) * Vec2::new(2.0, 3.0).extend(0.0).truncate()).extend(0.0));
     assert_eq!(rectangle.partials(0)[0], Vec3::X * 4.0);
     assert_eq!(rectangle.area(), 24.0);
     // Mitsuba transforms the normals as normals, and shades by them.
-    assert_eq!(Mesh::rectangle(Affine3A::from_scale(MIRROR)).point(1, 0.2, 0.2).n_g, Vec3::Z);
+    assert_eq!(Mesh::rectangle(Affine3A::from_scale(MIRROR)).point(1, 0.2, 0.2, Wanted::All).n_g, Vec3::Z);
     let mut flipped = Mesh::rectangle(Affine3A::IDENTITY);
     flipped.flip();
-    assert_eq!(flipped.point(0, 0.2, 0.2).n_g, Vec3::NEG_Z);
+    assert_eq!(flipped.point(0, 0.2, 0.2, Wanted::All).n_g, Vec3::NEG_Z);
 
     // Corners with texture coordinates (0,1) (1,1) (1,0) of each face, as Mitsuba's vertex buffer has them.
     let mitsuba = [
@@ -125,7 +125,7 @@ fn rectangle_and_cube_agree_with_mitsuba() {
         for (face, (normal, corners)) in mitsuba.iter().enumerate() {
             let normal = scale * Vec3::from(normal.map(|x| x as f32)) * side;
             for triangle in [2 * face as u32, 2 * face as u32 + 1] {
-                assert_eq!(cube.point(triangle, 0.3, 0.3).n_g, normal);
+                assert_eq!(cube.point(triangle, 0.3, 0.3, Wanted::All).n_g, normal);
             }
             for (corner, uv) in corners.iter().zip([Vec2::Y, Vec2::ONE, Vec2::X]) {
                 let p = scale * Vec3::from(corner.map(|x| x as f32));
@@ -190,7 +190,7 @@ fn hits_lie_on_the_surface_and_in_the_bounds() {
         let ray = Ray::new(o, (center + random.point() * size - o).normalize_or(Vec3::X));
         let Some(t) = shape.intersect(&ray) else { continue };
         hits += 1;
-        let point = shape.point(&ray, &Hit { t, u: 0.0, v: 0.0, shape: 0, primitive: 0 });
+        let point = shape.point(&ray, &Hit { t, u: 0.0, v: 0.0, shape: 0, primitive: 0 }, Wanted::All);
         let bounds = shape.bounds();
         assert!(point.p.cmpge(bounds.min).all() && point.p.cmple(bounds.max).all());
         // On the ray, up to what f32 coordinates of both ends allow ...

@@ -28,7 +28,8 @@ fn seen(name: &str, photons: Vec<Photon>, at: [f32; 2]) -> [f32; 4] {
             let what = Photons { depths: (1, 9), caustics: true };
             let mut heap = KnnHeap::new(50);
             let estimator = Estimator { k: 50, r_max: R_MAX, shrink: 1.0, kernel };
-            let Levels { wide, fine } = estimator.radiance(&map, &s, Vec3::Z, Share::All, what, &mut heap);
+            let Levels { wide, fine } =
+                estimator.radiance(&map, &s, Vec3::Z, Share::All, what, true, &mut heap);
             let density = estimator.density(&map, &s, &mut heap);
             for value in [wide.x, fine.x, density] {
                 assert!(value.is_finite() && value >= 0.0, "{kernel:?} at {at:?}: {value}");

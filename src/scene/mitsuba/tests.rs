@@ -1031,7 +1031,8 @@ fn instances_are_those_of_mitsuba() {
             "<shape type='shapegroup' id='g'><shape type='{shape}'><boolean name='flip_normals' value='{flip}'/>\
              </shape></shape><shape type='instance'><ref id='g'/><transform name='to_world'>{transform}</transform></shape>"
         );
-        for scene in build_folded(&body) {
+        for mut scene in build_folded(&body) {
+            scene.compute_everything();
             let surface = scene.hit(&down([0.3, 0.2])).unwrap();
             let found = (surface.n_g, surface.at.uv);
             let close = found.0.distance(n.into()) < 1e-3 && found.1.distance(uv.into()) < 1e-3;

@@ -1,0 +1,77 @@
+//! Photon transport beside its rays alone: the same rays in the same order, on one thread. What is left is emission,
+//! scattering, random numbers and storage.
+
+use caustica::accel::{self, Backend, Intersector};
+use caustica::math::Ray;
+use caustica::photon::{Emission, Store, trace};
+use caustica::scene::{self, Scene};
+use caustica::shape::Hit;
+use criterion::{Criterion, Throughput};
+use std::hint::black_box;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+/// Keeps all rays that it is asked about.
+struct Recorder {
+    inner: Box<dyn Intersector>,
+    rays: Arc<Mutex<Vec<Ray>>>,
+}
+
+impl Intersector for Recorder {
+    fn intersect(&self, ray: &Ray) -> Option<Hit> {
+        self.rays.lock().expect("nothing panics").push(*ray);
+        self.inner.intersect(ray)
+    }
+
+    fn occluded(&self, ray: &Ray) -> bool {
+        self.inner.occluded(ray)
+    }
+}
+
+fn bench(c: &mut Criterion) {
+    const PATHS: u64 = 1 << 14;
+    let pool = one_thread();
+    for name in ["cornell-diffuse", "cornell-spheres", "pool"] {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.xml"));
+        for &backend in accel::available() {
+            let emission = Emission::new(Store::All, PATHS, 64);
+            let rays = recorded(&file, backend, &emission);
+            let scene = load(&file, |d| Scene::new(d, backend));
+            let mut group = c.benchmark_group(format!("trace/{name}/{}", backend.name()));
+            group.sample_size(20).throughput(Throughput::Elements(rays.len() as u64));
+            group.bench_function("rays", |b| {
+                b.iter(|| rays.iter().filter(|ray| scene.intersect(black_box(ray)).is_some()).count());
+            });
+            group.bench_function("photons", |b| {
+                b.iter(|| pool.install(|| trace(&scene, 1, 0, &emission).rays));
+            });
+            group.finish();
+        }
+    }
+}
+
+fn one_thread() -> rayon::ThreadPool {
+    rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread")
+}
+
+fn recorded(file: &Path, backend: Backend, emission: &Emission) -> Vec<Ray> {
+    let rays = Arc::new(Mutex::new(Vec::new()));
+    let recording = load(file, |d| {
+        let inner = accel::build(backend, &d.geometry)?;
+        Scene::with_intersector(d, Box::new(Recorder { inner, rays: rays.clone() }))
+    });
+    let traced = one_thread().install(|| trace(&recording, 1, 0, emission));
+    let rays = std::mem::take(&mut *rays.lock().expect("nothing panics"));
+    assert_eq!(rays.len() as u64, traced.rays);
+    rays
+}
+
+fn load(file: &Path, build: impl FnOnce(scene::SceneDescription) -> caustica::Result<Scene>) -> Scene {
+    scene::load(file, &[], None).and_then(build).unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn main() {
+    let mut criterion = Criterion::default().configure_from_args();
+    bench(&mut criterion);
+    criterion.final_summary();
+}

@@ -1,0 +1,251 @@
+//! Which of the random numbers that a photon starts from are worth drawing: those whose photons meet something sharp
+//! first, and most of all those that the camera sees thereafter. Targets ([`crate::light::Targets`]) bound where the former
+//! are and know nothing of what stands in the way, of lamps that turn away, or of the gaps in what they bound; a few photons
+//! sent ahead find out. The choice among lights is one of these numbers, so the one lamp of many whose caustic is seen
+//! gets the photons.
+//!
+//! The five numbers of [`crate::light::Lights::sample_emission`] (light, position, direction) are the coordinates of a unit
+//! cube. A tree halves it where that tells useful from useless (as the spatial trees of Müller et al. 2017, "Practical Path
+//! Guiding", but over random numbers: Guo et al. 2018, "Primary Sample Space Path Guiding"), and its leaves are drawn
+//! from by what they have brought, so photons also become equally bright. A share of the density is
+//! uniform, so it is positive wherever a photon can start, and known exactly, so nothing is biased whatever was learnt.
+
+use super::importance::Importance;
+use super::kdtree::KnnHeap;
+use super::trace::{Emission, Start, Store, Traced, fly};
+use crate::math::{Ray, Sampler, Stream, luminance};
+use crate::scene::Scene;
+use rayon::prelude::*;
+
+/// Coordinates: light, position, direction.
+const AXES: usize = 5;
+/// The share of photons that are emitted as if nothing had been learnt.
+const UNIFORM: f32 = 0.05;
+/// Rounds of photons sent ahead; each draws by what the one before has learnt.
+const ROUNDS: [u64; 3] = [1 << 13, 1 << 14, 1 << 15];
+/// How much what the camera sees decides; the rest is for what it may have overlooked.
+const SEEN: f32 = 0.75;
+/// Nodes of fewer photons are not divided.
+const MIN_PHOTONS: usize = 48;
+/// What is known of a node without any photons weighs as much as so many.
+const PRIOR: f32 = 2.0;
+/// Parts of each axis that are told apart when one is chosen. More than two: a half may look like the other one.
+const PARTS: usize = 8;
+/// By how much the parts must differ: their relative entropy, times the node's share of all flux.
+const MIN_GAIN: f32 = 2e-4;
+
+/// A density over the random numbers of emission.
+#[derive(Clone, Debug)]
+pub struct Guide {
+    /// The root is the first.
+    nodes: Vec<Node>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    /// The axis that is halved; a leaf has none, that is [`AXES`].
+    axis: u32,
+    /// The lower half; the upper one follows.
+    child: u32,
+    /// Probability of the lower half.
+    prob: f32,
+}
+
+/// What a photon sent ahead has found.
+struct Sent {
+    at: Start,
+    /// 1 / density.
+    weight: f32,
+    /// Its flux if it has met something sharp.
+    aimed: f32,
+    /// What of it the camera sees.
+    seen: f32,
+}
+
+impl Sent {
+    fn new(
+        scene: &Scene,
+        sampler: &mut Sampler,
+        emission: &Emission,
+        importance: &Importance,
+        heap: &mut KnnHeap,
+    ) -> Sent {
+        let (at, weight) = Start::draw(sampler, emission.guide);
+        let mut sent = Sent { at, weight, aimed: 0.0, seen: 0.0 };
+        let Some(start) = at.emit(scene, Store::Caustic) else { return sent };
+        let Some(hit) = scene.intersect(&Ray::new(start.o, start.d)) else { return sent };
+        // What lands first from a beam is a caustic already.
+        if scene.material(hit.shape).lobes().sharp || scene.lights.is_beam(start.light) {
+            let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
+            let mut traced = Traced::default();
+            fly(scene, &start, 1.0, sampler, emission, &mut traced);
+            sent.aimed = finite(luminance(start.flux));
+            sent.seen = finite(traced.photons.iter().map(|photon| importance.shown(photon, heap)).sum());
+        }
+        sent
+    }
+}
+
+/// What each photon was worth: to meet something sharp, and more to be seen thereafter.
+fn worth(sent: &[Sent]) -> Vec<Pilot> {
+    let total = |of: fn(&Sent) -> f32| sent.iter().map(|s| s.weight * of(s)).sum::<f32>();
+    let (aimed, seen) = (total(|s| s.aimed), total(|s| s.seen));
+    let relative = |x: f32, total: f32| if total > 0.0 { x / total } else { 0.0 };
+    sent.iter()
+        .map(|s| Pilot {
+            at: s.at.0,
+            weight: s.weight,
+            worth: (1.0 - SEEN) * relative(s.aimed, aimed) + SEEN * relative(s.seen, seen),
+        })
+        .collect()
+}
+
+/// A photon sent ahead.
+#[derive(Clone, Copy)]
+struct Pilot {
+    at: [f32; AXES],
+    /// 1 / density.
+    weight: f32,
+    /// What it is worth: flux that meets something sharp, and flux that the camera sees as a caustic, each relative to
+    /// the total of all pilots.
+    worth: f32,
+}
+
+impl Guide {
+    /// Learns where caustics come from and which are seen. `None` if no photon found anything sharp. The same for any
+    /// number of threads.
+    pub fn learn(scene: &Scene, max_depth: u32) -> Option<Guide> {
+        let importance = Importance::new(scene);
+        let mut guide: Option<Guide> = None;
+        for (round, count) in ROUNDS.into_iter().enumerate() {
+            let emission =
+                Emission { guide: guide.as_ref(), ..Emission::new(Store::Caustic, count, max_depth) };
+            let sent: Vec<Sent> = (0..count)
+                .into_par_iter()
+                .map_init(
+                    || KnnHeap::new(Importance::K),
+                    |heap, index| {
+                        let mut sampler = Sampler::new(0, Stream::Pilots, round as u64, index);
+                        Sent::new(scene, &mut sampler, &emission, &importance, heap)
+                    },
+                )
+                .collect();
+            let mut pilots = worth(&sent);
+            guide = Self::of(&mut pilots);
+        }
+        guide
+    }
+
+    fn of(pilots: &mut [Pilot]) -> Option<Guide> {
+        let mut nodes = vec![Node { axis: AXES as u32, child: 0, prob: 0.0 }];
+        let mut masses = vec![0.0];
+        let whole = mean(pilots, 0.0);
+        let total = grow(pilots, &mut nodes, &mut masses, 0, whole, [0.0; AXES], [1.0; AXES]);
+        if !(total > 0.0 && total.is_finite()) {
+            return None;
+        }
+        // From masses to probabilities, with the uniform share: of each half, its share of the volume.
+        let mut volumes = vec![1.0f32; nodes.len()];
+        for i in 0..nodes.len() {
+            let Node { axis, child, .. } = nodes[i];
+            if (axis as usize) < AXES {
+                let child = child as usize;
+                volumes[child] = 0.5 * volumes[i];
+                volumes[child + 1] = volumes[child];
+                let prob = |i: usize| (1.0 - UNIFORM) * masses[i] / total + UNIFORM * volumes[i];
+                nodes[i].prob = prob(child) / (prob(child) + prob(child + 1));
+            }
+        }
+        Some(Guide { nodes })
+    }
+
+    /// The point that the random numbers `u` draw, and 1 / density there.
+    pub fn warp(&self, mut u: [f32; AXES]) -> ([f32; AXES], f32) {
+        let (mut low, mut size, mut weight) = ([0.0f32; AXES], [1.0f32; AXES], 1.0);
+        let mut node = &self.nodes[0];
+        while (node.axis as usize) < AXES {
+            let a = node.axis as usize;
+            size[a] *= 0.5;
+            let upper = u[a] >= node.prob;
+            let (prob, below) = if upper { (1.0 - node.prob, node.prob) } else { (node.prob, 0.0) };
+            // What is left of a number is used again, so points stay as evenly spread as they were.
+            u[a] = ((u[a] - below) / prob).clamp(0.0, BELOW_ONE);
+            low[a] += if upper { size[a] } else { 0.0 };
+            weight *= 0.5 / prob;
+            node = &self.nodes[node.child as usize + upper as usize];
+        }
+        let at = std::array::from_fn(|a| (low[a] + size[a] * u[a]).min(BELOW_ONE));
+        (at, weight)
+    }
+}
+
+const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+
+/// Divides a node as long as that is worth while; returns its mass, ∫ flux over its volume.
+fn grow(
+    pilots: &mut [Pilot],
+    nodes: &mut Vec<Node>,
+    masses: &mut Vec<f32>,
+    node: usize,
+    around: f32,
+    low: [f32; AXES],
+    size: [f32; AXES],
+) -> f32 {
+    let here = mean(pilots, around);
+    masses[node] = size.iter().product::<f32>() * here;
+    if pilots.len() < MIN_PHOTONS {
+        return masses[node];
+    }
+    let gains: [f32; AXES] = std::array::from_fn(|a| gain(pilots, a, low[a], size[a]));
+    let axis = (0..AXES).max_by(|&a, &b| gains[a].total_cmp(&gains[b])).unwrap_or(0);
+    if gains[axis] * masses[node] < MIN_GAIN * masses[0] {
+        return masses[node];
+    }
+    let middle = low[axis] + 0.5 * size[axis];
+    // Stable, for the sake of equal sums whatever happens.
+    pilots.sort_by_key(|p| p.at[axis] >= middle);
+    let n = pilots.partition_point(|p| p.at[axis] < middle);
+    let (lower, upper) = pilots.split_at_mut(n);
+    if lower.is_empty() || upper.is_empty() {
+        return masses[node];
+    }
+    let child = nodes.len();
+    for _ in 0..2 {
+        nodes.push(Node { axis: AXES as u32, child: 0, prob: 0.0 });
+        masses.push(0.0);
+    }
+    (nodes[node].axis, nodes[node].child) = (axis as u32, child as u32);
+    let mut half = size;
+    half[axis] *= 0.5;
+    let mut above = low;
+    above[axis] = middle;
+    masses[node] = grow(lower, nodes, masses, child, here, low, half)
+        + grow(upper, nodes, masses, child + 1, here, above, half);
+    masses[node]
+}
+
+/// Mean flux over a node's volume, if as many as [`PRIOR`] more photons had brought the mean of the node `around` it:
+/// where none of a few photons was useful, the next one may be, and would be blinding if it were thought impossible.
+fn mean(pilots: &[Pilot], around: f32) -> f32 {
+    let (flux, weight) =
+        pilots.iter().fold((0.0, 0.0), |(flux, weight), p| (flux + p.worth * p.weight, weight + p.weight));
+    let n = pilots.len() as f32;
+    if weight > 0.0 { (n * flux / weight + PRIOR * around) / (n + PRIOR) } else { around }
+}
+
+/// Relative entropy of the flux over equal parts of an axis.
+fn gain(pilots: &[Pilot], axis: usize, low: f32, size: f32) -> f32 {
+    let mut parts = [(0.0f32, 0.0f32); PARTS];
+    for p in pilots {
+        let part = ((p.at[axis] - low) * (PARTS as f32 / size)) as usize;
+        let (flux, weight) = &mut parts[part.min(PARTS - 1)];
+        *flux += p.worth * p.weight;
+        *weight += p.weight;
+    }
+    let means = parts.map(|(flux, weight)| if weight > 0.0 { flux / weight } else { 0.0 });
+    let total: f32 = means.iter().sum();
+    if total <= 0.0 {
+        return 0.0;
+    }
+    means.iter().map(|m| m / total).filter(|&q| q > 0.0).map(|q| q * (q * PARTS as f32).ln()).sum()
+}

@@ -1,0 +1,73 @@
+//! Irradiance estimated ahead where some photons land, so that a gather ray needs one neighbour instead of k
+//! (Christensen 1999, "Faster Photon Map Global Illumination").
+//!
+//! These photons are not those of the map: the fewer photons of the map are near one of them, the more gather rays it
+//! is the nearest for, so that with every fourth of them pictures come out 0.9 % too dark.
+
+use super::PhotonMap;
+use super::estimate::{Estimator, Photons, Site};
+use super::kdtree::{KdTree, KnnHeap};
+use super::octahedral::{agrees8, encode8};
+use crate::math::Rgb;
+use crate::scene::Surface;
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// What is known at one point.
+#[derive(Clone, Copy, Debug)]
+struct Known {
+    irradiance: Rgb,
+    /// Of the disk that the estimate was made over.
+    radius: f32,
+    /// The geometric normal, on the side that the irradiance is meant for.
+    n_g: [i8; 2],
+}
+
+/// Irradiance at points spread as photons are.
+#[derive(Debug)]
+pub struct Irradiance {
+    tree: KdTree,
+    known: Vec<Known>,
+}
+
+impl Irradiance {
+    /// Estimates the irradiance at `sites` from the photons of `map` that take part by `what`.
+    pub fn new(sites: &[Site], map: &PhotonMap, estimator: &Estimator, what: Photons) -> Irradiance {
+        let points: Vec<Vec3> = sites.iter().map(|site| site.p).collect();
+        let (tree, order) = KdTree::build(&points);
+        let known = order
+            .par_iter()
+            .with_min_len(64)
+            .map_init(
+                || KnnHeap::new(estimator.k as usize),
+                |heap, &i| {
+                    let site = &sites[i as usize];
+                    let (irradiance, radius) = estimator.irradiance(map, site, what, heap);
+                    Known { irradiance, radius, n_g: encode8(sided(site.n_g, site.n_s)) }
+                },
+            )
+            .collect();
+        Irradiance { tree, known }
+    }
+
+    /// The irradiance at `s`, on the side of `wo` (world), for a ray that has come `distance`: that of the nearest point on
+    /// the same surface. `None` where it is farther away than twice its estimate's radius, or where the ray is so short
+    /// that one such point might light all of a corner. `heap` is for one neighbour.
+    pub fn near(&self, s: &Surface, wo: Vec3, distance: f32, heap: &mut KnnHeap) -> Option<Rgb> {
+        let n = sided(s.n_g, s.frame.n * 1f32.copysign(s.frame.n.dot(wo)));
+        self.tree.nearest_filtered(s.p, f32::INFINITY, heap, |slot, d2| {
+            let h = n.dot(self.tree.position(slot) - s.p);
+            h * h <= 0.1 * d2 && agrees8(self.known[slot as usize].n_g, n, 0.9)
+        });
+        let (slot, d2) = heap.iter().next()?;
+        let known = &self.known[slot as usize];
+        // A narrower limit would pick: where photons are dense by chance, radii are small.
+        (d2 <= 4.0 * known.radius * known.radius && distance >= 2.0 * known.radius)
+            .then_some(known.irradiance)
+    }
+}
+
+/// The geometric normal on the side of `n_s`.
+fn sided(n_g: Vec3, n_s: Vec3) -> Vec3 {
+    n_g * 1f32.copysign(n_g.dot(n_s))
+}
