@@ -6,7 +6,7 @@ mod meshes;
 use caustica::accel::{self, Intersector, available};
 use caustica::math::{Ray, offset_origin, warp};
 use caustica::scene;
-use caustica::shape::{Geometry, Mesh, Shape};
+use caustica::shape::{Geometry, Mesh, Shape, Wanted};
 use glam::{Affine3A, Mat3, Quat, Vec2, Vec3};
 use std::path::Path;
 
@@ -152,7 +152,7 @@ impl Workload {
     /// A diffuse bounce where the ray ends, and a shadow ray from there to the lamp.
     fn scatter(&self, built: &dyn Intersector, ray: &Ray, random: &mut Random) -> Option<(Ray, Ray)> {
         let hit = built.intersect(ray)?;
-        let point = self.geometry.shapes[hit.shape as usize].point(ray, &hit);
+        let point = self.geometry.shapes[hit.shape as usize].point(ray, &hit, Wanted::Untextured);
         let n = if point.n_g.dot(ray.d) > 0.0 { -point.n_g } else { point.n_g };
         let (x, y) = n.any_orthonormal_pair();
         let d = Mat3::from_cols(x, y, n) * warp::cosine_hemisphere(random.pair());

@@ -338,7 +338,7 @@ fn adversarial(random: &mut Random, mesh: &Mesh, kind: usize) -> Ray {
     let axis = axes[random.below(6)];
     let to = |p: Vec3| Ray::new(o, (p - o).normalize_or(Vec3::X));
     let uv = crate::math::warp::triangle(glam::Vec2::new(random.next(), random.next()));
-    let point = mesh.point(triangle, uv.x, uv.y);
+    let point = mesh.point(triangle, uv.x, uv.y, Wanted::Untextured);
     match kind {
         0 => Ray::new(o, random.direction()),
         // Through a vertex, the middle of an edge, and anywhere on an edge.
@@ -404,7 +404,7 @@ fn compare(tally: &mut Tally, mesh: &Mesh, ray: &Ray, hits: [Option<Hit>; 2]) {
         [Some(a), Some(b)] if a.primitive == b.primitive => {
             tally.equal += 1;
             let vertices = mesh.vertices(a.primitive);
-            let n = mesh.point(a.primitive, a.u, a.v).n_g;
+            let n = mesh.point(a.primitive, a.u, a.v, Wanted::Untextured).n_g;
             let size = vertices.iter().map(|p| (*p - ray.o).abs().max_element()).fold(0.0, f32::max);
             tally.worst = tally.worst.max((a.t - b.t).abs() * n.dot(ray.d).abs() / (size * f32::EPSILON));
         }
