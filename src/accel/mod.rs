@@ -48,13 +48,6 @@ pub trait Intersector: Send + Sync {
 
     /// Whether anything lies on the ray.
     fn occluded(&self, ray: &Ray) -> bool;
-
-    /// `hits[i]` answers `rays[i]`; equal lengths.
-    fn intersect_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        for (ray, hit) in rays.iter().zip(hits) {
-            *hit = self.intersect(ray);
-        }
-    }
 }
 
 /// Builds the acceleration structure over `geometry`.
@@ -68,7 +61,7 @@ pub fn build(backend: Backend, geometry: &Geometry) -> Result<Box<dyn Intersecto
         #[cfg(feature = "embree")]
         Backend::Embree => Ok(Box::new(embree::Embree::new(geometry)?)),
         #[cfg(feature = "bvh")]
-        Backend::Bvh => Ok(Box::new(bvh::Bvh::new(geometry))),
+        Backend::Bvh => Ok(Box::new(bvh::Bvh::new(geometry)?)),
         #[allow(unreachable_patterns)]
         _ => Err(Error::Usage(format!("this build has no backend '{}'", backend.name()))),
     }
@@ -91,7 +84,7 @@ fn check(geometry: &Geometry) -> Result<()> {
             _ => 1,
         };
     }
-    if primitives > u32::MAX as usize / 2 {
+    if primitives > 1 << 30 {
         return Err(Error::Usage(format!("{primitives} primitives are too many")));
     }
     Ok(())
