@@ -16,9 +16,9 @@ const FEW: u64 = 8;
 /// pixels, but at most so many for one.
 const SEARCH: [u64; 2] = [1, 16];
 /// Fewest and most camera samples of a pixel that these leave in doubt.
-const MANY: [u64; 2] = [64, 1024];
+const MANY: [u64; 2] = [64, 512];
 /// Of these, those for each unit of the relative variance of emitted light.
-const PER_VARIANCE: f64 = 128.0;
+const PER_VARIANCE: f64 = 64.0;
 /// A variance of the mean, relative to its square, that leaves a pixel in doubt.
 const DOUBT: f32 = 1e-3;
 /// Keeps 0/0 from being no number.
