@@ -33,7 +33,9 @@ fn scenes() -> Vec<String> {
 
 /// Of one seed, pictures differ by at most a tenth of their error: in squares, which is what relmse is of.
 fn pictures_agree(passes: u32) {
-    println!("{passes} passes: relmse of one against the other, and of Embree's picture against the reference");
+    println!(
+        "{passes} passes: relmse of one against the other, and of Embree's picture against the reference"
+    );
     let mut worse = Vec::new();
     for name in scenes() {
         let file = own_scene(&format!("{name}.xml"));
@@ -221,7 +223,9 @@ fn rays_agree(samples: u64, photons: u64) {
             photon::trace(&scene, 3, 0, &Emission::new(store, photons, 64));
         }
         let flights = std::mem::take(&mut *rays.lock().unwrap());
-        for (kind, rays) in [("camera", camera), ("bounce", bounces), ("shadow", shadows), ("photon", flights)] {
+        for (kind, rays) in
+            [("camera", camera), ("bounce", bounces), ("shadow", shadows), ("photon", flights)]
+        {
             let one = |ray: &Ray| {
                 let hits = backends.each_ref().map(|backend| {
                     let hit = backend.intersect(ray);
@@ -232,7 +236,9 @@ fn rays_agree(samples: u64, photons: u64) {
             };
             let tally = rays.par_iter().map(one).reduce(Tally::default, Tally::add);
             let Tally { rays, hits, ties, edges, worst } = tally;
-            println!("{name:16} {kind}: {rays:8} rays {hits:8} hits {ties:5} ties {edges:5} at edges, within {worst:.1} ulps");
+            println!(
+                "{name:16} {kind}: {rays:8} rays {hits:8} hits {ties:5} ties {edges:5} at edges, within {worst:.1} ulps"
+            );
             assert!(rays > 0);
             assert!(worst < 8.0, "{name}, {kind}: {tally:?}");
             assert!(ties + edges <= rays / 1000, "{name}, {kind}: {tally:?}");
