@@ -243,6 +243,10 @@ impl Scene {
     pub fn surface(&self, ray: &Ray, hit: &Hit) -> Surface<'_> {
         let shape = &self.geometry.shapes[hit.shape as usize];
         let wanted = self.shape_wanted[hit.shape as usize];
+        let hit = match shape {
+            Shape::Mesh(mesh) => &mesh.refine(ray, hit),
+            _ => hit,
+        };
         let point = shape.point(ray, hit, wanted);
         let at = Lookup::new(shape, point.uv, hit.primitive, Vec2::new(hit.u, hit.v));
         let material = self.material(hit.shape);

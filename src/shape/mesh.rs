@@ -1,7 +1,7 @@
 //! Triangle meshes.
 
-use super::{Bounds, SurfacePoint, Wanted};
-use crate::math::first_index;
+use super::{Bounds, Hit, SurfacePoint, Wanted};
+use crate::math::{Ray, first_index};
 use glam::{Affine3A, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -177,6 +177,26 @@ impl Mesh {
         let magnitude = a.abs().max(b.abs()).max(c.abs()).max_element();
         // From the edges, not the weighted vertices: the weights' rounding then stays within the plane.
         SurfacePoint { p: a + ((b - a) * u + (c - a) * v), magnitude, n_g, n_s, uv }
+    }
+
+    /// The same hit with weights that depend on the ray and the triangle alone. Those of the ray backends differ in their
+    /// last bits, and what photons find out about the scene before the first pass makes other photons of that, so each
+    /// backend would show noise of its own.
+    pub fn refine(&self, ray: &Ray, hit: &Hit) -> Hit {
+        let [a, b, c] = self.vertices(hit.primitive).map(|p| p.as_dvec3());
+        let (e, f) = (b - a, c - a);
+        let (o, d) = (ray.o.as_dvec3() - a, ray.d.as_dvec3());
+        // Möller & Trumbore 1997.
+        let (p, q) = (d.cross(f), o.cross(e));
+        let inverse = 1.0 / e.dot(p);
+        let (u, v) = (o.dot(p) * inverse, d.dot(q) * inverse);
+        if !(u + v).is_finite() {
+            return *hit;
+        }
+        // Rounding, or an edge on the ray, may have them outside.
+        let u = u.clamp(0.0, 1.0);
+        let v = v.clamp(0.0, 1.0 - u);
+        Hit { u: u as f32, v: v as f32, ..*hit }
     }
 
     /// ∂p/∂u and ∂p/∂v of a triangle; zero vectors where the texture coordinates are degenerate.

@@ -1,7 +1,7 @@
 //! Geometry, lights and films that hardly are any.
 
-use crate::common::{assert_mean, mean};
-use crate::{camera, for_all, still_life};
+use crate::common::{assert_mean, backends, mean, parse};
+use crate::{View, camera, for_all, still_life};
 use caustica::image_io::{self, Channels, Image, Layer, Metadata, SampleType};
 use caustica::math::Rgb;
 
@@ -85,7 +85,19 @@ fn refusals() {
     let dir = tempfile::tempdir().unwrap();
     let needle = dir.path().join("needle.obj");
     std::fs::write(&needle, "v 0 0 1\nv 1 0 1\nv -2 0 1\nf 1 2 3\n").unwrap();
+    let broken = |name: &str, text: &str| {
+        let file = dir.path().join(name);
+        std::fs::write(&file, text).unwrap();
+        let kind = file.extension().unwrap().display();
+        format!(r#"<shape type="{kind}"><string name="filename" value="{}"/></shape>"#, file.display())
+    };
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\nnan 0 0\n0 1 0\n3 0 1 2\n";
     let cases = [
+        // The file is named, and the line.
+        (broken("nan.obj", "v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n"), "nan.obj:2: 'nan' is not finite"),
+        (broken("inf.obj", "v 0 0 0\nv 1 0 0\nv 0 -inf 0\nf 1 2 3\n"), "inf.obj:3: '-inf' is not finite"),
+        (broken("nan.ply", ply), "nan.ply: vertex 1 is not finite"),
         (
             format!(
                 r#"<shape type="obj"><string name="filename" value="{}"/><emitter type="area"/></shape>"#,
@@ -109,6 +121,61 @@ fn refusals() {
         let error = caustica::scene::load(&file, &[], None).unwrap_err().to_string();
         assert!(error.contains(message), "{error}");
     }
+}
+
+/// Of two surfaces in one place each pixel shows one, whichever the backend prefers, and no mixture; always the same one.
+#[test]
+fn two_materials_in_one_place() {
+    let sheet = |rgb: &str| FLOOR.replace(r#"value="0.5""#, &format!(r#"value="{rgb}""#));
+    let sun = r#"<emitter type="directional"><vector name="direction" value="0, 0, -1"/><rgb name="irradiance" value="1"/></emitter>"#;
+    let body = format!("{}{}{}{sun}", view(), sheet("0.5, 0, 0"), sheet("0, 0.5, 0"));
+    let xml = format!(r#"<scene version="3.0.0">{body}</scene>"#);
+    for_all("two materials in one place", &body, (16, 16), move |view| {
+        if view.what.contains("map") {
+            return;
+        }
+        let image = view.render(1, 1).image;
+        let lit = 0.5 / std::f32::consts::PI;
+        let mut shown = [0, 0];
+        for (i, pixel) in image.pixels.iter().enumerate() {
+            let which = (pixel.y > pixel.x) as usize;
+            shown[which] += 1;
+            let expected = if which == 0 { Rgb::X } else { Rgb::Y } * lit;
+            assert!(
+                (*pixel - expected).abs().max_element() < 1e-4 * lit,
+                "{}: pixel {i}: {pixel}",
+                view.what
+            );
+        }
+        println!("{}: {shown:?} pixels show the first and the second", view.what);
+        let backend = backends().find(|b| view.what.contains(b.name())).unwrap();
+        let (kind, settings) = (view.kind, view.settings.clone());
+        let again = View { scene: parse(&xml, 16, backend), kind, settings, what: view.what.clone() };
+        assert!(again.render(1, 1).image == image, "{}: not the same one", view.what);
+    });
+}
+
+/// A million copies of one triangle are one.
+#[test]
+fn a_million_copies_of_a_triangle() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("copies.obj");
+    std::fs::write(&file, "v -9 -9 0\nv 9 -9 0\nv 0 18 0\n".to_owned() + &"f 1 2 3\n".repeat(1_000_000))
+        .unwrap();
+    let body = format!(
+        r#"{}<shape type="obj"><string name="filename" value="{}"/>
+            <bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf></shape>
+        <emitter type="directional"><vector name="direction" value="0, 0, -1"/><rgb name="irradiance" value="1"/></emitter>"#,
+        view(),
+        file.display()
+    );
+    for_all("a million copies", &body, (9, 9), move |view| {
+        let lit = 0.5 / std::f32::consts::PI;
+        // The map's noise, of 2000 photons of which the view holds a part.
+        let error = if view.what.contains("map") { 0.2 } else { 1e-4 };
+        let seen = mean(&view.render(1, 2).image);
+        assert!((seen / lit - 1.0).abs().max_element() < error, "{}: {seen}", view.what);
+    });
 }
 
 /// Triangles without area in a lamp neither shine nor take light from the others.
