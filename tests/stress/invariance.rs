@@ -148,7 +148,7 @@ fn a_furnace_keeps_its_heat(scale: f64, offset: f64) {
     );
     // Corners are biased in a map.
     for_all(&format!("furnace, scale {scale}, offset {offset}"), &body, (8, 8), move |view| {
-        let bias = if view.what.contains("path") || view.what.contains("Path") { 1e-4 } else { 0.01 };
+        let bias = if view.what.contains("Path") { 1e-4 } else { 0.01 };
         assert_mean(&view.means(4), 2.0, bias + 1.7e-7 * offset.abs(), 0.03, &view.what);
     });
 }
