@@ -3,33 +3,19 @@
 
 #[path = "../tests/common/meshes.rs"]
 mod meshes;
+#[path = "../tests/common/recorder.rs"]
+mod recorder;
 
-use caustica::accel::{self, Backend, Intersector};
+use caustica::accel::{self, Backend};
 use caustica::math::Ray;
 use caustica::photon::{Emission, Store, trace};
 use caustica::scene::{self, Scene, SceneDescription};
-use caustica::shape::{Hit, Mesh, Shape};
+use caustica::shape::{Mesh, Shape};
 use criterion::{Criterion, Throughput};
+use recorder::Recorder;
 use std::hint::black_box;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
-
-/// Keeps all rays that it is asked about.
-struct Recorder {
-    inner: Box<dyn Intersector>,
-    rays: Arc<Mutex<Vec<Ray>>>,
-}
-
-impl Intersector for Recorder {
-    fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        self.rays.lock().expect("nothing panics").push(*ray);
-        self.inner.intersect(ray)
-    }
-
-    fn occluded(&self, ray: &Ray) -> bool {
-        self.inner.occluded(ray)
-    }
-}
 
 fn bench(c: &mut Criterion) {
     const PATHS: u64 = 1 << 14;

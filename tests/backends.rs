@@ -3,8 +3,10 @@
 #![cfg(all(feature = "embree", feature = "bvh"))]
 
 mod common;
+#[path = "common/recorder.rs"]
+mod recorder;
 
-use caustica::accel::{self, Backend, Intersector};
+use caustica::accel::{self, Backend};
 use caustica::image_io;
 use caustica::integrator::Kind;
 use caustica::math::{Frame, Ray, Sampler, Stream, warp};
@@ -14,7 +16,8 @@ use caustica::scene::{self, Scene};
 use caustica::shape::{Geometry, Hit, Shape};
 use common::{load, own_scene, render, shared};
 use rayon::prelude::*;
-use std::sync::{Arc, Mutex};
+use recorder::Recorder;
+use std::sync::Arc;
 
 /// Embree first.
 const BACKENDS: [Backend; 2] = [Backend::Embree, Backend::Bvh];
@@ -67,23 +70,6 @@ fn pictures_differ_by_less_than_their_error() {
 #[ignore = "minutes; CI runs it nightly"]
 fn good_pictures_differ_by_less_than_their_error() {
     pictures_agree(64);
-}
-
-/// Passes queries on, and keeps them.
-struct Recorder {
-    inner: Box<dyn Intersector>,
-    rays: Arc<Mutex<Vec<Ray>>>,
-}
-
-impl Intersector for Recorder {
-    fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        self.rays.lock().unwrap().push(*ray);
-        self.inner.intersect(ray)
-    }
-
-    fn occluded(&self, ray: &Ray) -> bool {
-        self.inner.occluded(ray)
-    }
 }
 
 /// Rays from the camera, diffuse bounces from where they and each other land, and shadow rays from there: `samples` per

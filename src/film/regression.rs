@@ -1,6 +1,6 @@
 //! What neighbouring pixels tell about each other: local regression of the albedo-free picture on where a pixel is, to
-//! second order so that light that curves over the window is not flattened, and to first on what it sees (after Bitterli et al. 2016, "Nonlinearly Weighted First-order Regression for Denoising
-//! Monte Carlo Renderings").
+//! second order so that light that curves over the window is not flattened, and to first on what it sees (after Bitterli
+//! et al. 2016, "Nonlinearly Weighted First-order Regression for Denoising Monte Carlo Renderings").
 //!
 //! Weights compare patches of the picture in units of its noise (non-local means, Buades et al. 2005; variances as in
 //! Rousselle et al. 2012), so pixels lend to each other only what noise cannot tell apart: the bandwidth shrinks as passes
@@ -108,7 +108,8 @@ pub(super) fn smooth(
             let corner = [(tile % tiles_x) * TILE[0], (tile / tiles_x) * TILE[1]];
             [0, 1].map(|h| {
                 let (own, other) = (&halves[h], &halves[1 - h]);
-                smooth_tile(corner, size, own, &other.value, &variance, &precise)
+                let (variance, precise) = (&variance, &precise);
+                smooth_tile(corner, &Sources { size, own, guide: &other.value, variance, precise })
             })
         })
         .collect();
@@ -122,44 +123,35 @@ pub(super) fn smooth(
 
 type Tile = Vec<[f32; 3]>;
 
+/// What one half of a picture is smoothed from.
+struct Sources<'a> {
+    /// Columns and rows.
+    size: (usize, usize),
+    own: &'a Half,
+    /// The values of the other half, which choose the weights.
+    guide: &'a Planes,
+    variance: &'a Planes,
+    precise: &'a Planes,
+}
+
 /// With AVX2 where the CPU has it: the same operations, more at a time, 1.8 times as fast.
 #[allow(unsafe_code)]
-fn smooth_tile(
-    corner: [usize; 2],
-    size: (usize, usize),
-    own: &Half,
-    guide: &Planes,
-    variance: &Planes,
-    precise: &Planes,
-) -> Tile {
+fn smooth_tile(corner: [usize; 2], sources: &Sources) -> Tile {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
         #[target_feature(enable = "avx2")]
-        unsafe fn compiled(
-            corner: [usize; 2],
-            size: (usize, usize),
-            own: &Half,
-            guide: &Planes,
-            variance: &Planes,
-            precise: &Planes,
-        ) -> Tile {
-            smooth_tile_plainly(corner, size, own, guide, variance, precise)
+        unsafe fn compiled(corner: [usize; 2], sources: &Sources) -> Tile {
+            smooth_tile_plainly(corner, sources)
         }
         // SAFETY: the CPU has AVX2, as was asked just above.
-        return unsafe { compiled(corner, size, own, guide, variance, precise) };
+        return unsafe { compiled(corner, sources) };
     }
-    smooth_tile_plainly(corner, size, own, guide, variance, precise)
+    smooth_tile_plainly(corner, sources)
 }
 
 #[inline(always)]
-fn smooth_tile_plainly(
-    [x0, y0]: [usize; 2],
-    (width, height): (usize, usize),
-    own: &Half,
-    guide: &Planes,
-    variance: &Planes,
-    precise: &Planes,
-) -> Tile {
+fn smooth_tile_plainly([x0, y0]: [usize; 2], sources: &Sources) -> Tile {
+    let &Sources { size: (width, height), own, guide, variance, precise } = sources;
     const N: usize = TILE[0];
     const WIDE: usize = N + 2;
     let (x0, y0) = (x0 as isize, y0 as isize);
@@ -289,9 +281,9 @@ mod tests {
         let own = Half { value: Planes::new(size, three(0)), features: Planes::new(size, random(1)) };
         let (guide, variance) = (Planes::new(size, three(2)), Planes::new(size, three(3)));
         let precise = Planes::new(size, random(4));
+        let sources = Sources { size, own: &own, guide: &guide, variance: &variance, precise: &precise };
         for corner in [[0, 0], [TILE[0], TILE[1]]] {
-            let fast = smooth_tile(corner, size, &own, &guide, &variance, &precise);
-            let plain = smooth_tile_plainly(corner, size, &own, &guide, &variance, &precise);
+            let (fast, plain) = (smooth_tile(corner, &sources), smooth_tile_plainly(corner, &sources));
             assert!(fast.iter().flatten().any(|&v| v > 0.0));
             assert_eq!(bytemuck::cast_slice::<_, u32>(&fast), bytemuck::cast_slice::<_, u32>(&plain));
         }

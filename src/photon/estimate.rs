@@ -128,11 +128,14 @@ pub struct Levels {
 }
 
 /// Where an estimate is made.
-#[derive(Clone, Copy)]
-struct Place<'a> {
-    p: Vec3,
-    n_g: Vec3,
-    facet: Option<&'a Facet>,
+#[derive(Clone, Copy, Debug)]
+pub struct Place<'a> {
+    /// Position.
+    pub p: Vec3,
+    /// Geometric normal, as the shape is oriented.
+    pub n_g: Vec3,
+    /// The flat polygon that the surface ends with, if it is one.
+    pub facet: Option<&'a Facet>,
 }
 
 impl<'a> Place<'a> {
@@ -144,21 +147,28 @@ impl<'a> Place<'a> {
 /// A point whose irradiance is to be known, on one of its sides.
 #[derive(Clone, Copy, Debug)]
 pub struct Site<'a> {
-    /// Position.
-    pub p: Vec3,
-    /// Geometric normal, as the shape is oriented.
-    pub n_g: Vec3,
+    /// Where it is.
+    pub place: Place<'a>,
     /// Shading normal, on the side that is meant.
     pub n_s: Vec3,
-    /// The flat polygon that the surface ends with, if it is one.
-    pub facet: Option<&'a Facet>,
 }
 
 impl<'a> Site<'a> {
     /// The side of `s` that its shading normal says `w` (world) is on.
     pub fn new(s: &Surface<'a>, w: Vec3) -> Site<'a> {
-        Site { p: s.p, n_g: s.n_g, n_s: s.frame.n * 1f32.copysign(s.frame.n.dot(w)), facet: s.facet }
+        Site { place: Place::of(s), n_s: s.frame.n * 1f32.copysign(s.frame.n.dot(w)) }
     }
+
+    /// The geometric normal on the side that is meant.
+    pub(super) fn n_g(&self) -> Vec3 {
+        self.place.n_g * 1f32.copysign(self.place.n_g.dot(self.n_s))
+    }
+}
+
+/// Whether a point `to` away, at distance² `d2`, is near the plane of normal `n`: no leaks around corners.
+pub(super) fn near_plane(n: Vec3, to: Vec3, d2: f32) -> bool {
+    let h = n.dot(to);
+    h * h <= 0.1 * d2
 }
 
 impl Estimator {
@@ -217,8 +227,8 @@ impl Estimator {
 
     /// Irradiance at `site`, and the radius of the disk that it was estimated over.
     pub fn irradiance(&self, map: &PhotonMap, site: &Site, what: Photons, heap: &mut KnnHeap) -> (Rgb, f32) {
-        let place = Place { p: site.p, n_g: site.n_g, facet: site.facet };
-        let (levels, r) = self.sum(map, place, what, false, heap, |wi| arriving(site.n_s, site.n_g, wi));
+        let arriving = |wi| arriving(site.n_s, site.place.n_g, wi);
+        let (levels, r) = self.sum(map, site.place, what, false, heap, arriving);
         (levels.wide, r)
     }
 
@@ -290,8 +300,7 @@ impl Estimator {
         map.tree().nearest_filtered(place.p, self.r_max, heap, |slot, d2| {
             // Near the tangent plane, and on a surface that faces the same way: no leaks through thin walls or
             // around corners.
-            let h = place.n_g.dot(map.tree().position(slot) - place.p);
-            h * h <= 0.1 * d2 && map.faces(slot, place.n_g, 0.7)
+            near_plane(place.n_g, map.tree().position(slot) - place.p, d2) && map.faces(slot, place.n_g, 0.7)
         });
         if heap.is_full() { heap.max_dist2() } else { self.r_max * self.r_max }
     }

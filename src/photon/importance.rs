@@ -1,5 +1,6 @@
 //! Where the camera sees caustics: the density, on surfaces, of how much of the light there reaches the picture.
 
+use super::estimate::near_plane;
 use super::kdtree::{KdTree, KnnHeap};
 use super::map::Packed;
 use crate::bsdf::{Mode, Share};
@@ -51,8 +52,7 @@ impl Importance {
         let photon = photon.unpack();
         self.tree.nearest_filtered(photon.p, self.r_max, heap, |slot, d2| {
             let point = &self.points[slot as usize];
-            let off_plane = photon.n_g.dot(point.p - photon.p);
-            off_plane * off_plane <= 0.1 * d2
+            near_plane(photon.n_g, point.p - photon.p, d2)
                 && photon.n_g.dot(point.n_g) > 0.7
                 && point.side.dot(photon.wi) >= 0.0
         });

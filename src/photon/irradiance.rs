@@ -5,7 +5,7 @@
 //! is the nearest for, so that with every fourth of them pictures come out 0.9 % too dark.
 
 use super::PhotonMap;
-use super::estimate::{Estimator, Photons, Site};
+use super::estimate::{Estimator, Photons, Site, near_plane};
 use super::kdtree::{KdTree, KnnHeap};
 use super::octahedral::{agrees8, encode8};
 use crate::math::Rgb;
@@ -33,7 +33,7 @@ pub struct Irradiance {
 impl Irradiance {
     /// Estimates the irradiance at `sites` from the photons of `map` that take part by `what`.
     pub fn new(sites: &[Site], map: &PhotonMap, estimator: &Estimator, what: Photons) -> Irradiance {
-        let points: Vec<Vec3> = sites.iter().map(|site| site.p).collect();
+        let points: Vec<Vec3> = sites.iter().map(|site| site.place.p).collect();
         let (tree, order) = KdTree::build(&points);
         let known = order
             .par_iter()
@@ -43,7 +43,7 @@ impl Irradiance {
                 |heap, &i| {
                     let site = &sites[i as usize];
                     let (irradiance, radius) = estimator.irradiance(map, site, what, heap);
-                    Known { irradiance, radius, n_g: encode8(sided(site.n_g, site.n_s)) }
+                    Known { irradiance, radius, n_g: encode8(site.n_g()) }
                 },
             )
             .collect();
@@ -54,10 +54,10 @@ impl Irradiance {
     /// the same surface. `None` where it is farther away than twice its estimate's radius, or where the ray is so short
     /// that one such point might light all of a corner. `heap` is for one neighbour.
     pub fn near(&self, s: &Surface, wo: Vec3, distance: f32, heap: &mut KnnHeap) -> Option<Rgb> {
-        let n = sided(s.n_g, s.frame.n * 1f32.copysign(s.frame.n.dot(wo)));
+        let n = Site::new(s, wo).n_g();
         self.tree.nearest_filtered(s.p, f32::INFINITY, heap, |slot, d2| {
-            let h = n.dot(self.tree.position(slot) - s.p);
-            h * h <= 0.1 * d2 && agrees8(self.known[slot as usize].n_g, n, 0.9)
+            near_plane(n, self.tree.position(slot) - s.p, d2)
+                && agrees8(self.known[slot as usize].n_g, n, 0.9)
         });
         let (slot, d2) = heap.iter().next()?;
         let known = &self.known[slot as usize];
@@ -65,9 +65,4 @@ impl Irradiance {
         (d2 <= 4.0 * known.radius * known.radius && distance >= 2.0 * known.radius)
             .then_some(known.irradiance)
     }
-}
-
-/// The geometric normal on the side of `n_s`.
-fn sided(n_g: Vec3, n_s: Vec3) -> Vec3 {
-    n_g * 1f32.copysign(n_g.dot(n_s))
 }

@@ -11,7 +11,7 @@ mod octahedral;
 mod splat;
 mod trace;
 
-pub use estimate::{Estimator, Kernel, Levels, Photons, Site};
+pub use estimate::{Estimator, Kernel, Levels, Photons, Place, Site};
 pub use guide::Guide;
 pub use irradiance::Irradiance;
 pub use map::{Packed, Photon, PhotonMap};
