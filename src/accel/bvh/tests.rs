@@ -12,12 +12,12 @@ use std::mem::MaybeUninit;
 
 /// The same tree without the vector unit.
 fn portable(bvh: &Bvh, ray: &Ray) -> (Option<Hit>, bool) {
-    let any = traverse::traverse::<_, true>(Portable, bvh, ray).is_some();
-    (traverse::traverse::<_, false>(Portable, bvh, ray), any)
+    let any = bvh.trace::<_, true>(Portable, ray).is_some();
+    (bvh.trace::<_, false>(Portable, ray), any)
 }
 
-fn bits(hit: Option<Hit>) -> Option<[u32; 5]> {
-    hit.map(|h| [h.t.to_bits(), h.u.to_bits(), h.v.to_bits(), h.shape, h.primitive])
+fn bits(hit: Option<Hit>) -> Option<[u32; 6]> {
+    hit.map(|h| [h.t.to_bits(), h.u.to_bits(), h.v.to_bits(), h.shape, h.primitive, h.instance])
 }
 
 #[test]
@@ -77,7 +77,7 @@ fn weights_are_never_nan() {
         let place = if i % 2 == 0 { Vec3::ZERO } else { random.point() };
         let positions = vec![place, place + a, place + b];
         let mesh = Mesh { positions, triangles: vec![[0, 1, 2]], ..Default::default() };
-        let bvh = Bvh::new(&Geometry { shapes: vec![Shape::Mesh(mesh)] }).unwrap();
+        let bvh = Bvh::new(&Geometry::from(vec![Shape::Mesh(mesh)])).unwrap();
         let o = random.direction() * 3.0;
         for target in [place, place + (a + b) / 3.0] {
             if let Some(hit) = bvh.intersect(&Ray::new(o, target - o)) {
@@ -93,7 +93,7 @@ fn weights_are_never_nan() {
 fn directions_may_be_denormal() {
     // Behind each other, and near enough for distances to be finite.
     let layer = |z| Shape::Mesh(Mesh::rectangle(Affine3A::from_translation(Vec3::Z * z)));
-    let bvh = Bvh::new(&Geometry { shapes: (1..=30).map(|i| layer(-0.001 * i as f32)).collect() }).unwrap();
+    let bvh = Bvh::new(&Geometry::from((1..=30).map(|i| layer(-0.001 * i as f32)).collect())).unwrap();
     for d in [Vec3::new(1e-41, 0.0, -1e-40), Vec3::new(-0.0, 0.0, -1e-40), Vec3::new(1e-44, -1e-41, -1e-40)] {
         let ray = Ray::new(Vec3::new(0.3, 0.2, 0.0), d);
         let hit = bvh.intersect(&ray).unwrap();
@@ -127,7 +127,7 @@ proptest! {
         let n = positions.len() as u32;
         let triangles = (0..n).map(|i| [i, (i + 1) % n, (i + 2) % n]).collect();
         let mesh = Mesh { positions, triangles, ..Default::default() };
-        let bvh = Bvh::new(&Geometry { shapes: vec![Shape::Mesh(mesh)] }).unwrap();
+        let bvh = Bvh::new(&Geometry::from(vec![Shape::Mesh(mesh)])).unwrap();
         for (o, d, t_min, t_max) in rays {
             for ray in [Ray { o, d, t_min, t_max }, Ray::new(o, d)].into_iter().filter(|r| !is_short(r)) {
                 let (hit, any) = portable(&bvh, &ray);
@@ -205,7 +205,8 @@ fn every_primitive_has_one_leaf() {
                     assert!(seen.insert(lane), "{lane:?} twice");
                 }
             } else {
-                assert!(seen.insert((bvh.quadrics[at.index()].1, 0)));
+                let Single::Quadric(_, shape) = bvh.singles[at.index()] else { panic!() };
+                assert!(seen.insert((shape, 0)));
             }
         }
         let all: usize = geometry

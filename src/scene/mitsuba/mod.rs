@@ -150,7 +150,7 @@ pub(super) fn load(
         }
     }
     Ok(SceneDescription {
-        geometry: Geometry { shapes },
+        geometry: Geometry::from(shapes),
         shape_material: loader.shape_material,
         materials: loader.materials,
         textures,

@@ -1,0 +1,86 @@
+//! Instances: what shows a group of shapes somewhere. Rays are brought into the group's space, their length as it is, so
+//! that distances along them stay what they are; what is found there is brought back.
+
+use super::{Bounds, SurfacePoint, padded};
+use crate::math::Ray;
+use glam::{DAffine3, DVec3, Vec3};
+
+/// A group of shapes, placed by an affine transform.
+#[derive(Clone, Copy, Debug)]
+pub struct Instance {
+    /// Index into [`super::Geometry::groups`].
+    pub group: u32,
+    to_world: DAffine3,
+    /// The inverse. In f64, as all that is done with both: however they stretch, a ray's start in the group's space is
+    /// then as good as f32 can hold it.
+    to_group: DAffine3,
+}
+
+impl Instance {
+    /// The group moved by `to_world`, which must be invertible.
+    pub fn new(group: u32, to_world: DAffine3) -> Instance {
+        Instance { group, to_world, to_group: to_world.inverse() }
+    }
+
+    /// From the group's space to the world.
+    pub fn to_world(&self) -> &DAffine3 {
+        &self.to_world
+    }
+
+    /// Whether both directions are made of numbers.
+    pub fn is_finite(&self) -> bool {
+        self.to_world.is_finite() && self.to_group.is_finite()
+    }
+
+    /// A ray of the world in the group's space. Its direction is not normalised: points have the same distances on both.
+    pub fn ray(&self, ray: &Ray) -> Ray {
+        Ray {
+            o: self.to_group.transform_point3(ray.o.as_dvec3()).as_vec3(),
+            d: self.to_group.transform_vector3(ray.d.as_dvec3()).as_vec3(),
+            ..*ray
+        }
+    }
+
+    /// A surface point of the group in the world. Normals keep to their sides, also in a mirror, as in Mitsuba.
+    pub fn point(&self, point: &SurfacePoint) -> SurfacePoint {
+        let bend = self.to_group.matrix3.transpose();
+        let bent = bend * point.n_g.as_dvec3();
+        let length = bent.length();
+        let normal = |n: DVec3, else_: Vec3| n.try_normalize().map_or(else_, |n| n.as_vec3());
+        let n_g = normal(bent, point.n_g);
+        let p = self.to_world.transform_point3(point.p.as_dvec3()).as_vec3();
+        // The point is off by what it was off in the group, which along the normal is 1/length times as much here, and by
+        // rounding here.
+        let magnitude = p.abs().max_element() + (point.magnitude as f64 / length) as f32;
+        SurfacePoint { p, magnitude, n_g, n_s: normal(bend * point.n_s.as_dvec3(), n_g), uv: point.uv }
+    }
+
+    /// A vector along the surface, in the world.
+    pub fn vector(&self, v: Vec3) -> Vec3 {
+        self.to_world.transform_vector3(v.as_dvec3()).as_vec3()
+    }
+
+    /// A box around what a box of the group becomes, with the same middle.
+    pub fn bounds(&self, bounds: &Bounds) -> Bounds {
+        if bounds.is_empty() {
+            return Bounds::EMPTY;
+        }
+        let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
+        let (center, extent) = ((min + max) * 0.5, (max - min) * 0.5);
+        let m = &self.to_world.matrix3;
+        let extent = m.x_axis.abs() * extent.x + m.y_axis.abs() * extent.y + m.z_axis.abs() * extent.z;
+        padded(self.to_world.transform_point3(center), extent)
+    }
+
+    /// No vector gets longer by more than this factor; a similarity makes all of them as much longer.
+    pub fn stretch(&self) -> f32 {
+        // The largest eigenvalue is at most the largest sum of a row.
+        let m = &self.to_world.matrix3;
+        let gram = m.transpose() * *m;
+        gram.to_cols_array_2d()
+            .map(|row| row.iter().map(|x| x.abs()).sum())
+            .into_iter()
+            .fold(0.0, f64::max)
+            .sqrt() as f32
+    }
+}
