@@ -4,6 +4,7 @@
 mod blocks;
 mod daylight;
 mod fingerprint;
+mod instances;
 mod ior;
 mod load;
 mod material;
@@ -25,7 +26,7 @@ use crate::camera::Camera;
 use crate::film::FilmSettings;
 use crate::light::{Light, Lights, Targets};
 use crate::math::{Frame, Ray, Rgb, Sampler, offset_origin};
-use crate::shape::{Bounds, Facet, Facets, Geometry, Hit, Shape, Wanted};
+use crate::shape::{Bounds, Facet, Facets, Geometry, Hit, Wanted};
 use crate::texture::{Lookup, Texture};
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
@@ -242,9 +243,9 @@ impl Scene {
         let instance = self.geometry.instances.get(hit.instance as usize);
         let own_ray = instance.map_or(*ray, |instance| instance.ray(ray));
         let own = shape.point(&own_ray, hit, wanted);
+        let point = instance.map_or(own, |instance| instance.point(&own));
         let at = Lookup::new(shape, point.uv, hit.primitive, Vec2::new(hit.u, hit.v));
         let material = self.material(hit.shape);
-        let point = instance.map_or(own, |instance| instance.point(&own));
         let (frame, partials) = if wanted == Wanted::All {
             let partials = shape.partials(hit, &own);
             let partials = instance.map_or(partials, |instance| partials.map(|p| instance.vector(p)));

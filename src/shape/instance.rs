@@ -1,9 +1,10 @@
 //! Instances: what shows a group of shapes somewhere. Rays are brought into the group's space, their length as it is, so
 //! that distances along them stay what they are; what is found there is brought back.
 
-use super::{Bounds, SurfacePoint, padded};
+use super::{Bounds, Cylinder, Disk, Mesh, Shape, Sphere, SurfacePoint, padded, similar, similarity};
 use crate::math::Ray;
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+use rayon::prelude::*;
 
 /// A group of shapes, placed by an affine transform.
 #[derive(Clone, Copy, Debug)]
@@ -43,16 +44,26 @@ impl Instance {
 
     /// A surface point of the group in the world. Normals keep to their sides, also in a mirror, as in Mitsuba.
     pub fn point(&self, point: &SurfacePoint) -> SurfacePoint {
-        let bend = self.to_group.matrix3.transpose();
-        let bent = bend * point.n_g.as_dvec3();
-        let length = bent.length();
-        let normal = |n: DVec3, else_: Vec3| n.try_normalize().map_or(else_, |n| n.as_vec3());
-        let n_g = normal(bent, point.n_g);
-        let p = self.to_world.transform_point3(point.p.as_dvec3()).as_vec3();
+        let n_g = self.normal(point.n_g);
+        let length = (self.bend() * point.n_g.as_dvec3()).length();
+        let p = self.place(point.p);
         // The point is off by what it was off in the group, which along the normal is 1/length times as much here, and by
         // rounding here.
         let magnitude = p.abs().max_element() + (point.magnitude as f64 / length) as f32;
-        SurfacePoint { p, magnitude, n_g, n_s: normal(bend * point.n_s.as_dvec3(), n_g), uv: point.uv }
+        SurfacePoint { p, magnitude, n_g, n_s: self.normal(point.n_s), uv: point.uv }
+    }
+
+    fn place(&self, p: Vec3) -> Vec3 {
+        self.to_world.transform_point3(p.as_dvec3()).as_vec3()
+    }
+
+    /// What turns normals.
+    fn bend(&self) -> DMat3 {
+        self.to_group.matrix3.transpose()
+    }
+
+    fn normal(&self, n: Vec3) -> Vec3 {
+        (self.bend() * n.as_dvec3()).try_normalize().map_or(n, |n| n.as_vec3())
     }
 
     /// A vector along the surface, in the world.
@@ -82,5 +93,63 @@ impl Instance {
             .into_iter()
             .fold(0.0, f64::max)
             .sqrt() as f32
+    }
+}
+
+impl Shape {
+    /// The same in the world, if that is a shape: spheres and cylinders may be stretched to something else, and numbers
+    /// overflow.
+    pub fn placed(&self, instance: &Instance) -> Option<Shape> {
+        let vector = |v: Vec3| instance.to_world.transform_vector3(v.as_dvec3());
+        let unit = |v: DVec3| v.normalize().as_vec3();
+        let placed = match self {
+            Shape::Mesh(mesh) => {
+                let mut placed = Mesh {
+                    positions: mesh.positions.par_iter().map(|&p| instance.place(p)).collect(),
+                    normals: mesh.normals.par_iter().map(|&n| instance.normal(n)).collect(),
+                    ..mesh.clone()
+                };
+                // Faces keep their sides in a mirror.
+                if instance.to_world.matrix3.determinant() < 0.0 {
+                    placed.reverse();
+                }
+                Shape::Mesh(placed)
+            }
+            Shape::Sphere(s) => {
+                let m = instance.to_world.matrix3;
+                let scale = similarity(&[m.x_axis, m.y_axis, m.z_axis])?;
+                let frame = s.frame.as_dmat3();
+                let axes = [frame.x_axis, frame.y_axis, frame.z_axis].map(|a| unit(m * a).to_array());
+                Shape::Sphere(Sphere {
+                    center: instance.place(s.center),
+                    radius: (s.radius as f64 * scale) as f32,
+                    frame: glam::Mat3::from_cols_array_2d(&axes),
+                    flipped: s.flipped,
+                })
+            }
+            Shape::Disk(d) => Shape::Disk(Disk {
+                center: instance.place(d.center),
+                u_axis: vector(d.u_axis).as_vec3(),
+                v_axis: vector(d.v_axis).as_vec3(),
+                n_g: instance.normal(d.n_g),
+            }),
+            Shape::Cylinder(c) => {
+                let (x, y, axis) = (vector(c.x_axis), vector(c.y_axis), vector(c.axis));
+                let across = |v: DVec3| v.dot(axis).abs() <= 1e-3 * (v.length() * axis.length());
+                if !(similar(x, y) && across(x) && across(y)) {
+                    return None;
+                }
+                Shape::Cylinder(Cylinder {
+                    p0: instance.place(c.p0),
+                    axis: axis.as_vec3(),
+                    radius: (c.radius as f64 * (0.5 * x.length() + 0.5 * y.length())) as f32,
+                    x_axis: unit(x),
+                    y_axis: unit(y),
+                    flipped: c.flipped,
+                })
+            }
+        };
+        let bounds = placed.bounds();
+        (bounds.is_empty() || bounds.min.is_finite() && bounds.max.is_finite()).then_some(placed)
     }
 }
