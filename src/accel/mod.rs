@@ -121,4 +121,6 @@ fn plane_distance([a, b, c]: &[Vec3; 3], ray: &Ray) -> f32 {
 }
 
 #[cfg(test)]
+mod instance_tests;
+#[cfg(test)]
 mod tests;

@@ -1,7 +1,7 @@
 //! Every backend against a brute-force reference in f64, and against each other.
 
 #[path = "../../tests/common/meshes.rs"]
-mod meshes;
+pub(super) mod meshes;
 
 use super::*;
 use crate::math::offset_origin;
@@ -32,12 +32,12 @@ impl Random {
     }
 }
 
-fn build_all(geometry: &Geometry) -> Vec<(&'static str, Box<dyn Intersector>)> {
+pub(super) fn build_all(geometry: &Geometry) -> Vec<(&'static str, Box<dyn Intersector>)> {
     available().iter().map(|&b| (b.name(), build(b, geometry).unwrap())).collect()
 }
 
 /// A random closed surface: a sphere with bumps, 2·n·2n triangles.
-fn bumpy_sphere(n: u32) -> Mesh {
+pub(super) fn bumpy_sphere(n: u32) -> Mesh {
     let mut mesh = Mesh::default();
     for i in 0..=n {
         for j in 0..2 * n {
@@ -608,7 +608,7 @@ fn ties_are_broken_alike_in_every_build() {
 }
 
 /// Leaves `point` in a random direction, often a grazing one.
-fn leave(random: &mut Random, point: &SurfacePoint) -> Ray {
+pub(super) fn leave(random: &mut Random, point: &SurfacePoint) -> Ray {
     let mut d = random.direction();
     if random.below(2) == 0 {
         let n = point.n_g;

@@ -285,7 +285,7 @@ mod tests {
     use glam::Affine3A;
 
     fn facets(meshes: Vec<Mesh>) -> Facets {
-        Facets::new(&Geometry::from(meshes.into_iter().map(Shape::Mesh).collect()))
+        Facets::new(&Geometry::from(meshes.into_iter().map(Shape::Mesh).collect::<Vec<_>>()))
     }
 
     fn mesh(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Mesh {

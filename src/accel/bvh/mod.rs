@@ -133,6 +133,14 @@ impl Bvh {
         (t > t_min && t < t_max).then_some(Hit { t, ..hit })
     }
 
+    /// What it takes of memory.
+    #[cfg(test)]
+    fn bytes(&self) -> usize {
+        let own = self.nodes.bytes() + self.packets.bytes();
+        let lists = size_of_val(&self.singles[..]) + size_of_val(&self.instances[..]);
+        own + lists + self.groups.iter().map(Bvh::bytes).sum::<usize>()
+    }
+
     /// The hit with a single. Out of line: scenes of triangles need not make room for it.
     #[inline(never)]
     fn single<S: Trace, const ANY: bool>(&self, s: S, index: usize, ray: &Ray) -> Option<Hit> {
