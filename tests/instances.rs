@@ -2,12 +2,12 @@
 
 mod common;
 
-use caustica::integrator::Kind;
+use caustica::integrator::{Budget, Kind, Options};
 use caustica::metrics::relmse;
 use caustica::scene::{self, Scene};
 use caustica::shape::Instance;
 use common::program::{Dir, stdout};
-use common::{assert_close, backends, mean, render};
+use common::{assert_close, backends, mean, params, render_with};
 use glam::{DAffine3, DVec3};
 
 #[path = "common/meshes.rs"]
@@ -78,21 +78,29 @@ fn copied_and_instanced(bsdf: &str) -> [scene::SceneDescription; 2] {
     [copied, instanced]
 }
 
+/// Up to the noise of other random numbers, of which the same ones bring least where nothing amplifies rounding.
 #[test]
 fn instances_render_like_copies() {
-    for (bsdf, settings) in [(MATTE, &[][..]), ("<bsdf type='dielectric'/>", &["global_photons=20000"])] {
+    let matte = [(MATTE, Kind::Path, 0.1), (MATTE, Kind::Photonmap, 0.5)];
+    // Bumpy glass amplifies it; paths find the lamp through it by rare chance only.
+    for (bsdf, kind, share) in matte.into_iter().chain([("<bsdf type='dielectric'/>", Kind::Photonmap, 2.0)])
+    {
         let [copied, instanced] = copied_and_instanced(bsdf);
         for backend in backends() {
             let copied = Scene::new(copied.clone(), backend).unwrap();
             let instanced = Scene::new(instanced.clone(), backend).unwrap();
-            assert_ne!(copied.fingerprint(), instanced.fingerprint());
-            for (kind, settings) in [(Kind::Path, &[][..]), (Kind::Photonmap, settings)] {
-                let [a, b] = [&copied, &instanced].map(|scene| render(scene, kind, settings, 16).image);
-                let (name, off) = (format!("{} {kind:?} {bsdf}", backend.name()), relmse(&b, &a));
-                println!("{name}: relmse {off:.2e}");
-                assert_close(mean(&b), mean(&a), 0.02, &name);
-                assert!(off < 0.02, "{name}: {off}");
-            }
+            let image = |scene, seed| {
+                let budget = Budget::Passes(16);
+                let params = params(&["global_photons=20000", "caustic_photons=20000"]);
+                render_with(scene, &Options { integrator: kind, params, seed, budget, aovs: false }).image
+            };
+            let (a, b, other) = (image(&copied, 1), image(&instanced, 1), image(&copied, 2));
+            let (off, noise) = (relmse(&b, &a), relmse(&other, &a));
+            let name =
+                format!("{} {kind:?} {bsdf}: relmse {off:.2e}, of other numbers {noise:.2e}", backend.name());
+            println!("{name}");
+            assert_close(mean(&b), mean(&a), 0.02, &name);
+            assert!(off < share * noise, "{name}");
         }
     }
 }
