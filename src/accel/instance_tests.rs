@@ -1,5 +1,7 @@
 //! Instances on every backend against copies of what they show, and against formulas where no shape is a copy.
 
+#![allow(clippy::single_range_in_vec_init)] // what groups are
+
 use super::tests::{Random, build_all, bumpy_sphere, leave};
 use super::*;
 use crate::shape::{Cylinder, Disk, Mesh, Sphere, SurfacePoint, Wanted};
@@ -170,7 +172,7 @@ fn backends_agree_on_instances() {
 /// A stretched sphere is an ellipsoid: on it, and across the normal, every hit must lie.
 #[test]
 fn quadrics_may_be_stretched() {
-    let shapes = vec![
+    let shapes = [
         Shape::Sphere(Sphere::new(Vec3::ZERO, 1.0, Affine3A::IDENTITY, false).unwrap()),
         Shape::Cylinder(Cylinder::new(Vec3::NEG_Z, Vec3::Z, 1.0, Affine3A::IDENTITY, false).unwrap()),
     ];

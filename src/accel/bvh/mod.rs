@@ -144,8 +144,8 @@ impl Bvh {
     /// The hit with a single. Out of line: scenes of triangles need not make room for it.
     #[inline(never)]
     fn single<S: Trace, const ANY: bool>(&self, s: S, index: usize, ray: &Ray) -> Option<Hit> {
-        match &self.singles[index] {
-            &Single::Quadric(ref quadric, shape) => quadric.intersect(ray).map(|t| Hit {
+        match self.singles[index] {
+            Single::Quadric(ref quadric, shape) => quadric.intersect(ray).map(|t| Hit {
                 t,
                 u: 0.0,
                 v: 0.0,
@@ -153,7 +153,7 @@ impl Bvh {
                 primitive: 0,
                 instance: Hit::NO_INSTANCE,
             }),
-            &Single::Instance(index) => {
+            Single::Instance(index) => {
                 let instance = &self.instances[index as usize];
                 // Groups hold no instances, so this goes no deeper.
                 let hit = self.groups[instance.group as usize].trace::<S, ANY>(s, &instance.ray(ray))?;

@@ -1,6 +1,7 @@
 //! The vector unit's answers against plain Rust's, and the parts that traversal relies on.
 
 #![allow(unsafe_code)] // to read what the kernels wrote
+#![allow(clippy::single_range_in_vec_init)] // what groups are
 
 use super::node::{ORDER, Ref};
 use super::simd::{Portable, Simd};

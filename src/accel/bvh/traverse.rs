@@ -81,7 +81,8 @@ fn traverse<S: Trace, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> Option<Hit
                 continue;
             }
         } else {
-            // Not by closures, which would not be inlined.
+            // Not by a closure, which would not be inlined.
+            #[allow(clippy::manual_map)]
             let hit = if current.is_packet() {
                 let packet = &packets[current.index()];
                 match shear.intersect::<ANY>(s, packet, &mut ray, t_max) {

@@ -158,7 +158,7 @@ pub(super) fn load(
     }
     let (instances, at): (Vec<_>, Vec<_>) = loader.instances.into_iter().unzip();
     let mut geometry = Geometry { shapes, groups, instances };
-    let overflows = |b: &Bounds| !b.is_empty() && !(b.min.is_finite() && b.max.is_finite());
+    let overflows = |b: &Bounds| !(b.is_empty() || b.min.is_finite() && b.max.is_finite());
     if let Some(i) = geometry.instance_bounds().iter().position(overflows) {
         return Err(at[i].error("the instance is out of the range of numbers: scale or move it less"));
     }
