@@ -6,8 +6,8 @@
 //! in f64: Embree computes distances from the f32 cross product of the edges, and for thin triangles that is off by more
 //! than rays are moved off surfaces.
 //!
-//! All instances are the primitives of one user geometry, not instances of Embree's: those transform rays in f32, by
-//! which rays hit what they leave where transforms stretch a lot or move far, and each is a geometry of its own.
+//! All instances are the primitives of one user geometry, not instances of Embree's: those would each be a geometry, and
+//! bring rays into their groups in f32, whose rounding grows with how far and how unevenly they stretch and move.
 
 #![allow(unsafe_code)]
 
