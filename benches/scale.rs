@@ -142,7 +142,7 @@ fn triangles(backend: &str, n: u64) {
     let Some(&backend) = available().iter().find(|b| b.name() == backend) else {
         fail(&format!("this build has no backend '{backend}'"))
     };
-    let geometry = Geometry { shapes: vec![Shape::Mesh(bumpy(n))] };
+    let geometry = Geometry::from(vec![Shape::Mesh(bumpy(n))]);
     let n = geometry
         .shapes
         .iter()

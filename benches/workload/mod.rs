@@ -70,7 +70,7 @@ pub(crate) fn scan() -> Workload {
     let room = Mesh::cube(Affine3A::from_scale(Vec3::splat(4.0)));
     Workload {
         name: "scan",
-        geometry: Geometry { shapes: vec![mesh(meshes::organic(8), Affine3A::IDENTITY), Shape::Mesh(room)] },
+        geometry: Geometry::from(vec![mesh(meshes::organic(8), Affine3A::IDENTITY), Shape::Mesh(room)]),
         eye: Vec3::new(0.5, 1.0, 3.0),
         target: Vec3::ZERO,
         lamp: (Vec3::new(0.5, 3.5, 1.0), 0.5),
@@ -90,7 +90,7 @@ pub(crate) fn hostile() -> Workload {
     let needles = mesh(meshes::needles(100_000, || random.next()), Affine3A::IDENTITY);
     Workload {
         name: "hostile",
-        geometry: Geometry { shapes: vec![mesh(meshes::organic(6), small), stadium, needles] },
+        geometry: Geometry::from(vec![mesh(meshes::organic(6), small), stadium, needles]),
         eye: Vec3::new(0.5, 1.0, 3.0),
         target: Vec3::ZERO,
         lamp: (Vec3::new(0.5, 20.0, 1.0), 5.0),

@@ -1,20 +1,25 @@
 //! Ray tracing by the system's Embree 4 or 3. All its `unsafe` lives here, behind handles that release themselves.
 //!
-//! Shape `i` becomes the geometry with id `i`. Meshes are copied; analytic shapes are user geometries that call
-//! [`Shape::intersect`], as the other backend does, so that both find the same hits. Thin triangles of all meshes go
-//! into one more geometry, whose hits are checked in f64: Embree computes distances from the f32 cross product of the
-//! edges, and for thin triangles that is off by more than rays are moved off surfaces.
+//! The shapes of the world are one Embree scene, those of each group another. Shape `i` of them becomes the geometry with
+//! id `i`. Meshes are copied; analytic shapes are user geometries that call [`Shape::intersect`], as the other backend
+//! does, so that both find the same hits. Thin triangles of all meshes go into one more geometry, whose hits are checked
+//! in f64: Embree computes distances from the f32 cross product of the edges, and for thin triangles that is off by more
+//! than rays are moved off surfaces.
+//!
+//! All instances are the primitives of one user geometry, not instances of Embree's: those would each be a geometry, and
+//! bring rays into their groups in f32, whose rounding grows with how far and how unevenly they stretch and move.
 
 #![allow(unsafe_code)]
 
 use super::Intersector;
 use crate::math::Ray;
-use crate::shape::{Geometry, Hit, Mesh, Shape};
+use crate::shape::{Bounds, Geometry, Hit, Instance, Mesh, Shape};
 use crate::{Error, Result};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::ffi::c_void;
+use std::ops::Range;
 use std::ptr;
 
 /// The installed header, by bindgen.
@@ -29,15 +34,10 @@ use ffi::*;
 const INVALID: u32 = u32::MAX;
 const LEVELS: usize = RTC_MAX_INSTANCE_LEVEL_COUNT as usize;
 
-/// A committed Embree scene.
+/// The world, committed.
 pub(super) struct Embree {
-    scene: Scene,
-    /// User geometries point here, so it lives as long as the scene and its items never move.
-    _quadrics: Vec<Shape>,
-    /// As above, for the filter.
-    thin: Vec<Thin>,
-    /// Id of the geometry of thin triangles.
-    thin_id: u32,
+    world: Part,
+    placed: Box<Placed>,
     _device: Device,
 }
 
@@ -46,10 +46,52 @@ unsafe impl Send for Embree {}
 // SAFETY: as above; the callbacks only read.
 unsafe impl Sync for Embree {}
 
+/// What user geometries of the world point to, so it lives as long as that, and never moves.
+struct Placed {
+    instances: Vec<Instance>,
+    bounds: Vec<Bounds>,
+    groups: Vec<Part>,
+}
+
+/// The shapes of the world or of a group as an Embree scene.
+struct Part {
+    scene: Scene,
+    /// Index of the shape with id 0.
+    first: u32,
+    /// User geometries point here, so it lives as long as the scene and its items never move.
+    _quadrics: Vec<Shape>,
+    /// As above, for the filter.
+    thin: Vec<Thin>,
+    /// Id of the geometry of thin triangles.
+    thin_id: u32,
+}
+
 impl Embree {
-    /// Builds and commits the scene; indices must have been checked. Embree uses threads of its own.
+    /// Builds and commits the scenes; indices must have been checked. Embree uses threads of its own.
     pub(super) fn new(geometry: &Geometry) -> Result<Embree> {
         let device = Device::new()?;
+        let group = |(group, range): (u32, &Range<u32>)| {
+            let part = Part::new(&device, geometry.group(group), range.start)?;
+            part.commit(&device)?;
+            Ok(part)
+        };
+        let placed = Box::new(Placed {
+            instances: geometry.instances.clone(),
+            bounds: geometry.instance_bounds(),
+            groups: (0..).zip(&geometry.groups).map(group).collect::<Result<_>>()?,
+        });
+        let world = Part::new(&device, geometry.world(), 0)?;
+        if !placed.instances.is_empty() {
+            world.scene.attach(&device.instances(&placed)?, world.thin_id + 1);
+        }
+        world.commit(&device)?;
+        Ok(Embree { world, placed, _device: device })
+    }
+}
+
+impl Part {
+    /// Still to be committed.
+    fn new(device: &Device, shapes: &[Shape], first: u32) -> Result<Part> {
         // SAFETY: the device is valid; the result is checked.
         let scene = Scene(device.not_null(unsafe { rtcNewScene(device.0) }, "creating a scene")?);
         // SAFETY: the scene is valid. Robust: no ray slips through shared edges.
@@ -57,13 +99,13 @@ impl Embree {
 
         // Complete before Embree gets pointers to their items.
         let is_quadric = |s: &&Shape| !matches!(s, Shape::Mesh(_));
-        let quadrics: Vec<Shape> = geometry.shapes.iter().filter(is_quadric).cloned().collect();
-        let thin = Thin::all(geometry);
-        let thin_id = geometry.shapes.len() as u32;
+        let quadrics: Vec<Shape> = shapes.iter().filter(is_quadric).cloned().collect();
+        let thin = Thin::all(shapes);
+        let thin_id = shapes.len() as u32;
 
         let mut next_quadric = quadrics.iter();
-        for (id, shape) in geometry.shapes.iter().enumerate() {
-            let part = match shape {
+        for (id, shape) in shapes.iter().enumerate() {
+            let attached = match shape {
                 Shape::Mesh(mesh) if mesh.triangles.is_empty() => continue,
                 Shape::Mesh(mesh) => {
                     let of_mesh = |t: &Thin| t.shape.cmp(&(id as u32));
@@ -76,16 +118,28 @@ impl Embree {
                     None => continue,
                 },
             };
-            scene.attach(&part, id as u32);
+            scene.attach(&attached, id as u32);
         }
         if !thin.is_empty() {
             scene.attach(&device.thin(&thin)?, thin_id);
         }
+        Ok(Part { scene, first, _quadrics: quadrics, thin, thin_id })
+    }
+
+    fn commit(&self, device: &Device) -> Result<()> {
         device.check("copying the geometry")?;
         // SAFETY: the scene is valid and not yet shared.
-        unsafe { rtcCommitScene(scene.0) };
-        device.check("building the scene")?;
-        Ok(Embree { scene, _quadrics: quadrics, thin, thin_id, _device: device })
+        unsafe { rtcCommitScene(self.scene.0) };
+        device.check("building the scene")
+    }
+
+    /// Shape and primitive.
+    fn identify(&self, hit: &RTCHit) -> Option<(u32, u32)> {
+        let (shape, primitive) = match hit.geomID {
+            id if id == self.thin_id => self.thin.get(hit.primID as usize).map(|t| (t.shape, t.primitive))?,
+            id => (id, hit.primID),
+        };
+        Some((self.first + shape, primitive))
     }
 }
 
@@ -94,40 +148,23 @@ impl Intersector for Embree {
         if !super::is_valid(ray) {
             return None;
         }
-        let hit = RTCHit { geomID: INVALID, instID: [INVALID; LEVELS], ..Default::default() };
-        let mut query = RTCRayHit { ray: rtc_ray(ray), hit };
-        // SAFETY: the scene is committed and alive, the query valid and aligned.
-        unsafe {
-            #[cfg(embree = "4")]
-            rtcIntersect1(self.scene.0, &mut query, ptr::null_mut());
-            #[cfg(embree = "3")]
-            rtcIntersect1(self.scene.0, &mut context(), &mut query);
+        let RTCRayHit { ray: end, hit } = self.world.scene.nearest(rtc_ray(ray));
+        if hit.geomID == INVALID {
+            return None;
         }
-        let RTCRayHit { ray: end, hit } = query;
         // Embree compares distances before it divides; rounding must not carry the quotient out of the range.
         let t = end.tfar.max(above(ray.t_min)).min(below(ray.t_max));
-        let (shape, primitive) = match hit.geomID {
-            INVALID => return None,
-            id if id == self.thin_id => self.thin.get(hit.primID as usize).map(|t| (t.shape, t.primitive))?,
-            id => (id, hit.primID),
+        let instance = hit.instID[0];
+        let part = match self.placed.instances.get(instance as usize) {
+            Some(instance) => &self.placed.groups[instance.group as usize],
+            None => &self.world,
         };
-        Some(Hit { t, u: hit.u, v: hit.v, shape, primitive })
+        let (shape, primitive) = part.identify(&hit)?;
+        Some(Hit { t, u: hit.u, v: hit.v, shape, primitive, instance })
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
-        if !super::is_valid(ray) {
-            return false;
-        }
-        let mut query = rtc_ray(ray);
-        // SAFETY: the scene is committed and alive, the query valid and aligned.
-        unsafe {
-            #[cfg(embree = "4")]
-            rtcOccluded1(self.scene.0, &mut query, ptr::null_mut());
-            #[cfg(embree = "3")]
-            rtcOccluded1(self.scene.0, &mut context(), &mut query);
-        }
-        // What Embree sets for an occluded ray.
-        query.tfar == f32::NEG_INFINITY
+        super::is_valid(ray) && self.world.scene.any(rtc_ray(ray))
     }
 }
 
@@ -164,15 +201,42 @@ fn context() -> RTCIntersectContext {
 
 struct Device(RTCDevice);
 struct Scene(RTCScene);
-struct Part(RTCGeometry);
+struct Attached(RTCGeometry);
 
 impl Scene {
-    fn attach(&self, part: &Part, id: u32) {
+    fn attach(&self, geometry: &Attached, id: u32) {
         // SAFETY: both handles are valid; the scene takes its own reference.
         unsafe {
-            rtcCommitGeometry(part.0);
-            rtcAttachGeometryByID(self.0, part.0, id);
+            rtcCommitGeometry(geometry.0);
+            rtcAttachGeometryByID(self.0, geometry.0, id);
         }
+    }
+
+    /// The nearest hit in the scene, which is committed.
+    fn nearest(&self, ray: RTCRay) -> RTCRayHit {
+        let hit = RTCHit { geomID: INVALID, instID: [INVALID; LEVELS], ..Default::default() };
+        let mut query = RTCRayHit { ray, hit };
+        // SAFETY: the scene is committed and alive, the query valid and aligned.
+        unsafe {
+            #[cfg(embree = "4")]
+            rtcIntersect1(self.0, &mut query, ptr::null_mut());
+            #[cfg(embree = "3")]
+            rtcIntersect1(self.0, &mut context(), &mut query);
+        }
+        query
+    }
+
+    /// Whether anything of the scene, which is committed, lies on the ray.
+    fn any(&self, mut ray: RTCRay) -> bool {
+        // SAFETY: the scene is committed and alive, the query valid and aligned.
+        unsafe {
+            #[cfg(embree = "4")]
+            rtcOccluded1(self.0, &mut ray, ptr::null_mut());
+            #[cfg(embree = "3")]
+            rtcOccluded1(self.0, &mut context(), &mut ray);
+        }
+        // What Embree sets for an occluded ray.
+        ray.tfar == f32::NEG_INFINITY
     }
 }
 
@@ -184,8 +248,8 @@ struct Thin {
 }
 
 impl Thin {
-    /// By shape and triangle, ascending.
-    fn all(geometry: &Geometry) -> Vec<Thin> {
+    /// By shape and triangle, ascending; of a group, counted from its first.
+    fn all(shapes: &[Shape]) -> Vec<Thin> {
         let of_shape = |(shape, s): (usize, &Shape)| match s {
             Shape::Mesh(mesh) => (0..mesh.triangles.len() as u32)
                 .into_par_iter()
@@ -194,7 +258,7 @@ impl Thin {
                 .collect(),
             _ => Vec::new(),
         };
-        geometry.shapes.iter().enumerate().flat_map(of_shape).collect()
+        shapes.iter().enumerate().flat_map(of_shape).collect()
     }
 }
 
@@ -219,7 +283,7 @@ impl Drop for Scene {
     }
 }
 
-impl Drop for Part {
+impl Drop for Attached {
     fn drop(&mut self) {
         // SAFETY: valid, and ours to release once.
         unsafe { rtcReleaseGeometry(self.0) }
@@ -256,46 +320,52 @@ impl Device {
         }
     }
 
-    fn part(&self, kind: RTCGeometryType) -> Result<Part> {
+    fn geometry(&self, kind: RTCGeometryType) -> Result<Attached> {
         // SAFETY: the device is valid; the result is checked.
-        Ok(Part(self.not_null(unsafe { rtcNewGeometry(self.0, kind) }, "creating a geometry")?))
+        Ok(Attached(self.not_null(unsafe { rtcNewGeometry(self.0, kind) }, "creating a geometry")?))
     }
 
     /// All triangles but the thin ones, in whose place stands a point.
-    fn mesh(&self, mesh: &Mesh, thin: &[Thin]) -> Result<Part> {
+    fn mesh(&self, mesh: &Mesh, thin: &[Thin]) -> Result<Attached> {
         let mut triangles = Cow::Borrowed(&mesh.triangles);
         for t in thin {
             let corners = &mut triangles.to_mut()[t.primitive as usize];
             *corners = [corners[0]; 3];
         }
-        let part = self.part(RTC_GEOMETRY_TYPE_TRIANGLE)?;
-        self.copy(&part, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, &mesh.positions)?;
-        self.copy(&part, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, &triangles)?;
-        Ok(part)
+        let geometry = self.geometry(RTC_GEOMETRY_TYPE_TRIANGLE)?;
+        self.copy(&geometry, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, &mesh.positions)?;
+        self.copy(&geometry, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, &triangles)?;
+        Ok(geometry)
     }
 
     /// The geometry refers to `thin` for as long as its scene lives.
-    fn thin(&self, thin: &[Thin]) -> Result<Part> {
+    fn thin(&self, thin: &[Thin]) -> Result<Attached> {
         let positions: Vec<Vec3> = thin.iter().flat_map(|t| t.vertices).collect();
         let triangles: Vec<[u32; 3]> =
             (0..thin.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
-        let part = self.part(RTC_GEOMETRY_TYPE_TRIANGLE)?;
-        self.copy(&part, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, &positions)?;
-        self.copy(&part, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, &triangles)?;
+        let geometry = self.geometry(RTC_GEOMETRY_TYPE_TRIANGLE)?;
+        self.copy(&geometry, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, &positions)?;
+        self.copy(&geometry, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, &triangles)?;
         // SAFETY: the geometry is valid, and the callback gets the pointer that it expects.
         unsafe {
-            rtcSetGeometryUserData(part.0, thin.as_ptr().cast_mut().cast::<c_void>());
-            rtcSetGeometryIntersectFilterFunction(part.0, Some(thin_filter));
-            rtcSetGeometryOccludedFilterFunction(part.0, Some(thin_filter));
+            rtcSetGeometryUserData(geometry.0, thin.as_ptr().cast_mut().cast::<c_void>());
+            rtcSetGeometryIntersectFilterFunction(geometry.0, Some(thin_filter));
+            rtcSetGeometryOccludedFilterFunction(geometry.0, Some(thin_filter));
         }
-        Ok(part)
+        Ok(geometry)
     }
 
     /// Copies into a buffer that Embree allocates, which keeps its padding rules and our lifetimes apart.
-    fn copy<T: Copy>(&self, part: &Part, kind: RTCBufferType, format: RTCFormat, from: &[T]) -> Result<()> {
+    fn copy<T: Copy>(
+        &self,
+        geometry: &Attached,
+        kind: RTCBufferType,
+        format: RTCFormat,
+        from: &[T],
+    ) -> Result<()> {
         const { assert!(size_of::<T>() == 12) };
         // SAFETY: the geometry is valid; the result is checked.
-        let to = unsafe { rtcSetNewGeometryBuffer(part.0, kind, 0, format, size_of::<T>(), from.len()) };
+        let to = unsafe { rtcSetNewGeometryBuffer(geometry.0, kind, 0, format, size_of::<T>(), from.len()) };
         let to = self.not_null(to, "allocating a mesh")?.cast::<T>();
         // SAFETY: the new buffer holds as many items of this size, and overlaps nothing of ours.
         unsafe { ptr::copy_nonoverlapping(from.as_ptr(), to, from.len()) };
@@ -303,17 +373,31 @@ impl Device {
     }
 
     /// The geometry refers to `quadric` for as long as its scene lives.
-    fn quadric(&self, quadric: &Shape) -> Result<Part> {
-        let part = self.part(RTC_GEOMETRY_TYPE_USER)?;
+    fn quadric(&self, quadric: &Shape) -> Result<Attached> {
+        let geometry = self.geometry(RTC_GEOMETRY_TYPE_USER)?;
         // SAFETY: the geometry is valid, and the callbacks get the pointer that they expect.
         unsafe {
-            rtcSetGeometryUserPrimitiveCount(part.0, 1);
-            rtcSetGeometryUserData(part.0, ptr::from_ref(quadric).cast_mut().cast::<c_void>());
-            rtcSetGeometryBoundsFunction(part.0, Some(quadric_bounds), ptr::null_mut());
-            rtcSetGeometryIntersectFunction(part.0, Some(quadric_intersect));
-            rtcSetGeometryOccludedFunction(part.0, Some(quadric_occluded));
+            rtcSetGeometryUserPrimitiveCount(geometry.0, 1);
+            rtcSetGeometryUserData(geometry.0, ptr::from_ref(quadric).cast_mut().cast::<c_void>());
+            rtcSetGeometryBoundsFunction(geometry.0, Some(quadric_bounds), ptr::null_mut());
+            rtcSetGeometryIntersectFunction(geometry.0, Some(quadric_intersect));
+            rtcSetGeometryOccludedFunction(geometry.0, Some(quadric_occluded));
         }
-        Ok(part)
+        Ok(geometry)
+    }
+
+    /// The geometry refers to `placed` for as long as its scene lives.
+    fn instances(&self, placed: &Placed) -> Result<Attached> {
+        let geometry = self.geometry(RTC_GEOMETRY_TYPE_USER)?;
+        // SAFETY: the geometry is valid, and the callbacks get the pointer that they expect.
+        unsafe {
+            rtcSetGeometryUserPrimitiveCount(geometry.0, placed.instances.len() as u32);
+            rtcSetGeometryUserData(geometry.0, ptr::from_ref(placed).cast_mut().cast::<c_void>());
+            rtcSetGeometryBoundsFunction(geometry.0, Some(instance_bounds), ptr::null_mut());
+            rtcSetGeometryIntersectFunction(geometry.0, Some(instance_intersect));
+            rtcSetGeometryOccludedFunction(geometry.0, Some(instance_occluded));
+        }
+        Ok(geometry)
     }
 }
 
@@ -329,18 +413,20 @@ fn failed(doing: &str, code: RTCError) -> Error {
     Error::Runtime(format!("Embree failed while {doing}: {what}"))
 }
 
-// The callbacks below cannot panic: they only do arithmetic.
+// The callbacks below cannot panic: they only do arithmetic, and look up instances and groups by checked indices.
 
 /// # Safety
 /// Called by Embree with valid arguments, whose user pointer is that of [`Device::quadric`].
 unsafe extern "C" fn quadric_bounds(args: *const RTCBoundsFunctionArguments) {
     // SAFETY: see above.
     unsafe {
-        let b = (*(*args).geometryUserPtr.cast::<Shape>()).bounds();
-        let out = &mut *(*args).bounds_o;
-        (out.lower_x, out.lower_y, out.lower_z) = b.min.into();
-        (out.upper_x, out.upper_y, out.upper_z) = b.max.into();
+        *(*args).bounds_o = rtc_bounds((*(*args).geometryUserPtr.cast::<Shape>()).bounds());
     }
+}
+
+fn rtc_bounds(Bounds { min, max }: Bounds) -> RTCBounds {
+    let [[lower_x, lower_y, lower_z], [upper_x, upper_y, upper_z]] = [min.to_array(), max.to_array()];
+    RTCBounds { lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, ..Default::default() }
 }
 
 fn our_ray(r: &RTCRay) -> Ray {
@@ -376,6 +462,58 @@ unsafe extern "C" fn quadric_occluded(args: *const RTCOccludedFunctionNArguments
         let args = &*args;
         let ray = &mut *args.ray.cast::<RTCRay>();
         if (*args.geometryUserPtr.cast::<Shape>()).intersect(&our_ray(ray)).is_some() {
+            ray.tfar = f32::NEG_INFINITY;
+        }
+    }
+}
+
+/// # Safety
+/// Called by Embree with valid arguments, whose user pointer is that of [`Device::instances`].
+unsafe extern "C" fn instance_bounds(args: *const RTCBoundsFunctionArguments) {
+    // SAFETY: see above.
+    unsafe {
+        let placed = &*(*args).geometryUserPtr.cast::<Placed>();
+        *(*args).bounds_o = rtc_bounds(placed.bounds[(*args).primID as usize]);
+    }
+}
+
+impl Placed {
+    /// The group of an instance, and the ray in its space unless that leaves the range of numbers.
+    fn enter(&self, instance: u32, ray: &RTCRay) -> Option<(&Part, RTCRay)> {
+        let instance = &self.instances[instance as usize];
+        let ray = instance.ray(&our_ray(ray));
+        super::is_valid(&ray).then(|| (&self.groups[instance.group as usize], rtc_ray(&ray)))
+    }
+}
+
+/// # Safety
+/// Called by Embree with valid arguments, whose user pointer is that of [`Device::instances`].
+unsafe extern "C" fn instance_intersect(args: *const RTCIntersectFunctionNArguments) {
+    // SAFETY: see above; for queries of one ray the packet is a plain RTCRayHit, and active.
+    unsafe {
+        let args = &*args;
+        let query = &mut *args.rayhit.cast::<RTCRayHit>();
+        let placed = &*args.geometryUserPtr.cast::<Placed>();
+        let Some((group, ray)) = placed.enter(args.primID, &query.ray) else { return };
+        let found = group.scene.nearest(ray);
+        if found.hit.geomID != INVALID {
+            // It may exceed the range by rounding.
+            query.ray.tfar = found.ray.tfar.min(query.ray.tfar);
+            query.hit = found.hit;
+            query.hit.instID[0] = args.primID;
+        }
+    }
+}
+
+/// # Safety
+/// Called by Embree with valid arguments, whose user pointer is that of [`Device::instances`].
+unsafe extern "C" fn instance_occluded(args: *const RTCOccludedFunctionNArguments) {
+    // SAFETY: see above; for queries of one ray the packet is a plain RTCRay, and active.
+    unsafe {
+        let args = &*args;
+        let ray = &mut *args.ray.cast::<RTCRay>();
+        let placed = &*args.geometryUserPtr.cast::<Placed>();
+        if placed.enter(args.primID, ray).is_some_and(|(group, ray)| group.scene.any(ray)) {
             ray.tfar = f32::NEG_INFINITY;
         }
     }

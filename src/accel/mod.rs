@@ -7,7 +7,7 @@ mod bvh;
 mod embree;
 
 use crate::math::Ray;
-use crate::shape::{Geometry, Hit, Shape};
+use crate::shape::{Geometry, Hit, Instance, Shape};
 use crate::{Error, Result};
 #[cfg(any(feature = "embree", feature = "bvh"))]
 use glam::Vec3;
@@ -67,9 +67,9 @@ pub fn build(backend: Backend, geometry: &Geometry) -> Result<Box<dyn Intersecto
     }
 }
 
-/// What the backends rely on: indices within their meshes, and primitives that u32 can number.
+/// What the backends rely on: indices within their meshes and groups, and primitives that u32 can number.
 fn check(geometry: &Geometry) -> Result<()> {
-    let mut primitives = 0;
+    let mut primitives = geometry.instances.len();
     for (i, shape) in geometry.shapes.iter().enumerate() {
         primitives += match shape {
             Shape::Mesh(mesh) => {
@@ -86,6 +86,20 @@ fn check(geometry: &Geometry) -> Result<()> {
     }
     if primitives > 1 << 30 {
         return Err(Error::Usage(format!("{primitives} primitives are too many")));
+    }
+    let mut end = geometry.groups.first().map_or(geometry.shapes.len() as u32, |group| group.start);
+    for (i, group) in geometry.groups.iter().enumerate() {
+        if group.start != end || group.end < end {
+            return Err(Error::Usage(format!("group {i} does not begin where the one before ends")));
+        }
+        end = group.end;
+    }
+    if end as usize != geometry.shapes.len() {
+        return Err(Error::Usage("the last group does not end with the last shape".into()));
+    }
+    let is_bad = |i: &Instance| i.group as usize >= geometry.groups.len() || !i.is_finite();
+    if let Some(i) = geometry.instances.iter().position(is_bad) {
+        return Err(Error::Usage(format!("instance {i} is of no group, or its transform has no inverse")));
     }
     Ok(())
 }
@@ -106,5 +120,7 @@ fn plane_distance([a, b, c]: &[Vec3; 3], ray: &Ray) -> f32 {
     (n.dot(p - ray.o.as_dvec3()) / n.dot(ray.d.as_dvec3())) as f32
 }
 
+#[cfg(test)]
+mod instance_tests;
 #[cfg(test)]
 mod tests;

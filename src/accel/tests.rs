@@ -1,7 +1,7 @@
 //! Every backend against a brute-force reference in f64, and against each other.
 
 #[path = "../../tests/common/meshes.rs"]
-mod meshes;
+pub(super) mod meshes;
 
 use super::*;
 use crate::math::offset_origin;
@@ -32,12 +32,12 @@ impl Random {
     }
 }
 
-fn build_all(geometry: &Geometry) -> Vec<(&'static str, Box<dyn Intersector>)> {
+pub(super) fn build_all(geometry: &Geometry) -> Vec<(&'static str, Box<dyn Intersector>)> {
     available().iter().map(|&b| (b.name(), build(b, geometry).unwrap())).collect()
 }
 
 /// A random closed surface: a sphere with bumps, 2·n·2n triangles.
-fn bumpy_sphere(n: u32) -> Mesh {
+pub(super) fn bumpy_sphere(n: u32) -> Mesh {
     let mut mesh = Mesh::default();
     for i in 0..=n {
         for j in 0..2 * n {
@@ -89,7 +89,7 @@ pub(super) fn mixed(seed: u64, n: usize) -> Geometry {
             _ => Shape::Cylinder(Cylinder::new(Vec3::ZERO, Vec3::Z, 1.0, m, false).unwrap()),
         });
     }
-    Geometry { shapes }
+    Geometry::from(shapes)
 }
 
 /// Random rays, axis-parallel ones, and ones through vertices and edges.
@@ -231,13 +231,11 @@ fn agree_with_brute_force() {
 
 #[test]
 fn backends_agree() {
-    let geometry = Geometry {
-        shapes: vec![
-            Shape::Mesh(bumpy_sphere(60)),
-            Shape::Sphere(Sphere::new(Vec3::new(0.3, 0.2, 0.0), 0.4, Affine3A::IDENTITY, false).unwrap()),
-            Shape::Mesh(Mesh::rectangle(Affine3A::from_scale(Vec3::splat(5.0)))),
-        ],
-    };
+    let geometry = Geometry::from(vec![
+        Shape::Mesh(bumpy_sphere(60)),
+        Shape::Sphere(Sphere::new(Vec3::new(0.3, 0.2, 0.0), 0.4, Affine3A::IDENTITY, false).unwrap()),
+        Shape::Mesh(Mesh::rectangle(Affine3A::from_scale(Vec3::splat(5.0)))),
+    ]);
     let backends = build_all(&geometry);
     let mut random = Random(5);
     let (mut worst, mut other) = (0.0f32, 0);
@@ -272,7 +270,7 @@ fn closed_meshes_are_watertight() {
     let mut random = Random(8);
     // Off-centre, so that no coordinate is round.
     mesh.positions.iter_mut().for_each(|p| *p = *p * 3.7 + Vec3::new(11.3, -7.1, 3.3));
-    let geometry = Geometry { shapes: vec![Shape::Mesh(mesh.clone())] };
+    let geometry = Geometry::from(vec![Shape::Mesh(mesh.clone())]);
     for (name, backend) in build_all(&geometry) {
         let mut leaks = 0;
         for i in 0..60_000 {
@@ -302,7 +300,7 @@ fn organic(level: u32) -> Mesh {
 
 /// From inside a closed mesh no ray escapes.
 fn no_ray_escapes(level: u32, rays: u64) {
-    let geometry = Geometry { shapes: vec![Shape::Mesh(organic(level))] };
+    let geometry = Geometry::from(vec![Shape::Mesh(organic(level))]);
     for (name, backend) in build_all(&geometry) {
         const CHUNK: u64 = 1 << 12;
         let escapes = |chunk: u64| {
@@ -430,7 +428,7 @@ fn compare(tally: &mut Tally, mesh: &Mesh, ray: &Ray, hits: [Option<Hit>; 2]) {
 
 fn backends_agree_ray_by_ray(level: u32, rays: u64) {
     let mesh = organic(level);
-    let geometry = Geometry { shapes: vec![Shape::Mesh(mesh.clone())] };
+    let geometry = Geometry::from(vec![Shape::Mesh(mesh.clone())]);
     let backends = build_all(&geometry);
     const KINDS: u64 = 12;
     for kind in 0..KINDS {
@@ -464,7 +462,7 @@ fn backends_agree_on_ten_million_adversarial_rays() {
 
 #[test]
 fn limits_are_exclusive() {
-    let geometry = Geometry { shapes: vec![Shape::Mesh(Mesh::rectangle(Affine3A::IDENTITY))] };
+    let geometry = Geometry::from(vec![Shape::Mesh(Mesh::rectangle(Affine3A::IDENTITY))]);
     for (name, backend) in build_all(&geometry) {
         let ray = Ray::new(Vec3::new(0.25, 0.5, 4.0), Vec3::NEG_Z);
         let hit = backend.intersect(&ray).unwrap();
@@ -491,7 +489,7 @@ fn limits_are_exclusive() {
 #[test]
 fn sphere_from_a_million_radii() {
     let sphere = Sphere::new(Vec3::new(1.0, 2.0, 3.0), 1e-3, Affine3A::IDENTITY, false).unwrap();
-    let geometry = Geometry { shapes: vec![Shape::Sphere(sphere)] };
+    let geometry = Geometry::from(vec![Shape::Sphere(sphere)]);
     let mut random = Random(2);
     for (name, backend) in build_all(&geometry) {
         for _ in 0..10_000 {
@@ -536,7 +534,7 @@ fn empty_scenes_and_degenerate_triangles() {
     for shapes in
         [vec![], vec![mesh(&Mesh::default())], vec![mesh(&point)], vec![mesh(&line)], vec![mesh(&broken)]]
     {
-        for (name, backend) in build_all(&Geometry { shapes }) {
+        for (name, backend) in build_all(&Geometry::from(shapes)) {
             for ray in &rays {
                 assert_eq!(backend.intersect(ray), None, "{name}");
                 assert!(!backend.occluded(ray), "{name}");
@@ -545,7 +543,7 @@ fn empty_scenes_and_degenerate_triangles() {
     }
     // What is broken does not hide what is sound.
     let sound = Mesh::rectangle(Affine3A::IDENTITY);
-    for (name, backend) in build_all(&Geometry { shapes: vec![mesh(&broken), mesh(&line), mesh(&sound)] }) {
+    for (name, backend) in build_all(&Geometry::from(vec![mesh(&broken), mesh(&line), mesh(&sound)])) {
         let hit = backend.intersect(&Ray::new(Vec3::new(0.1, 0.2, 1.0), Vec3::NEG_Z));
         assert!(hit.is_some_and(|h| h.shape == 2 && (h.t - 1.0).abs() < 1e-6), "{name}");
         for bad in [Vec3::NAN, Vec3::INFINITY, Vec3::new(0.0, f32::NAN, -1.0)] {
@@ -556,7 +554,7 @@ fn empty_scenes_and_degenerate_triangles() {
     }
     let out_of_range = Mesh { positions: vec![Vec3::ZERO], triangles: vec![[0, 0, 1]], ..Default::default() };
     for &backend in available() {
-        assert!(build(backend, &Geometry { shapes: vec![mesh(&out_of_range)] }).is_err());
+        assert!(build(backend, &Geometry::from(vec![mesh(&out_of_range)])).is_err());
     }
 }
 
@@ -578,13 +576,13 @@ fn hostile_distributions() {
     };
     let ray = Ray::new(Vec3::new(-1.0, 0.1, 0.1), Vec3::X);
     for (mesh, t) in [(identical, 2.0), (exponential, 1.2)] {
-        for (name, backend) in build_all(&Geometry { shapes: vec![Shape::Mesh(mesh)] }) {
+        for (name, backend) in build_all(&Geometry::from(vec![Shape::Mesh(mesh)])) {
             let hit = backend.intersect(&ray).unwrap();
             assert!((hit.t - t).abs() < 0.01, "{name} {hit:?}");
             assert!(backend.occluded(&ray) && !backend.occluded(&Ray { d: Vec3::NEG_X, ..ray }), "{name}");
         }
     }
-    for (name, backend) in build_all(&Geometry { shapes: vec![Shape::Mesh(huge)] }) {
+    for (name, backend) in build_all(&Geometry::from(vec![Shape::Mesh(huge)])) {
         assert!(backend.occluded(&Ray::new(Vec3::new(0.0, 1e9, 1e9), Vec3::X)), "{name}");
     }
 }
@@ -594,7 +592,7 @@ fn hostile_distributions() {
 fn ties_are_broken_alike_in_every_build() {
     let mut mesh = bumpy_sphere(60);
     mesh.triangles = mesh.triangles.repeat(5);
-    let geometry = Geometry { shapes: vec![Shape::Mesh(mesh)] };
+    let geometry = Geometry::from(vec![Shape::Mesh(mesh)]);
     let mut random = Random(3);
     let rays: Vec<Ray> = (0..2000).map(|_| Ray::new(random.point() * 0.5, random.direction())).collect();
     for &backend in available() {
@@ -610,7 +608,7 @@ fn ties_are_broken_alike_in_every_build() {
 }
 
 /// Leaves `point` in a random direction, often a grazing one.
-fn leave(random: &mut Random, point: &SurfacePoint) -> Ray {
+pub(super) fn leave(random: &mut Random, point: &SurfacePoint) -> Ray {
     let mut d = random.direction();
     if random.below(2) == 0 {
         let n = point.n_g;
@@ -640,14 +638,21 @@ fn offset_rays_leave_flat_surfaces() {
         let turn = Quat::from_scaled_axis(random.point() * 3.0);
         let m = Affine3A::from_scale_rotation_translation(Vec3::splat(size * scale), turn, place * scale);
         for shape in [Shape::Mesh(mesh), Shape::Disk(Disk::new(m, false).unwrap())] {
-            let geometry = Geometry { shapes: vec![shape] };
+            let geometry = Geometry::from(vec![shape]);
             let backends = build_all(&geometry);
             for _ in 0..100 {
                 let uv = crate::math::warp::triangle(glam::Vec2::new(random.next(), random.next()));
                 let point = match &geometry.shapes[0] {
                     Shape::Disk(disk) => disk.at(uv.as_dvec2(), Wanted::All),
                     shape => {
-                        let hit = Hit { t: 0.0, u: uv.x, v: uv.y, shape: 0, primitive: 0 };
+                        let hit = Hit {
+                            t: 0.0,
+                            u: uv.x,
+                            v: uv.y,
+                            shape: 0,
+                            primitive: 0,
+                            instance: Hit::NO_INSTANCE,
+                        };
                         shape.point(&Ray::new(Vec3::ZERO, Vec3::X), &hit, Wanted::All)
                     }
                 };
@@ -680,7 +685,7 @@ fn offset_rays_leave_round_surfaces() {
         for (shape, radius) in
             [(Shape::Sphere(sphere), sphere.radius), (Shape::Cylinder(cylinder), cylinder.radius)]
         {
-            let geometry = Geometry { shapes: vec![shape] };
+            let geometry = Geometry::from(vec![shape]);
             let backends = build_all(&geometry);
             for _ in 0..50 {
                 let point = match &geometry.shapes[0] {

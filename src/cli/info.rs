@@ -35,7 +35,8 @@ fn print_program() {
 
 fn print_scene(prepared: &Prepared) {
     let scene = &prepared.scene;
-    let shapes = &scene.geometry.shapes;
+    let geometry = &scene.geometry;
+    let shapes = &geometry.shapes;
     let mut triangles = 0;
     let mut bytes = 0;
     for shape in shapes {
@@ -47,13 +48,19 @@ fn print_scene(prepared: &Prepared) {
                 + size_of_val(&m.uvs[..]);
         }
     }
+    let size = |shape: &Shape| if let Shape::Mesh(m) = shape { m.triangles.len() } else { 0 };
+    let of = |shapes: &[Shape]| shapes.iter().map(size).sum::<usize>();
+    let groups: Vec<usize> = (0..geometry.groups.len() as u32).map(|g| of(geometry.group(g))).collect();
+    let placed: usize = geometry.instances.iter().map(|i| groups[i.group as usize]).sum();
+    let shown = of(geometry.world()) + placed;
     let (min, max) = (scene.bounds.min, scene.bounds.max);
     let (_, _, w, h) = scene.film.crop;
     console::result(&format!(
-        "film: {w} x {h} pixels\nshapes: {}\ntriangles: {triangles}\nmaterials: {}\nlights: {}\ntextures: {}\n\
+        "film: {w} x {h} pixels\nshapes: {}\ntriangles: {triangles}\ninstances: {}, with them {shown} triangles show\nmaterials: {}\nlights: {}\ntextures: {}\n\
          bounds: {} {} {} to {} {} {}\nmeshes: {:.1} MiB\npeak memory: {:.1} MiB\nbackend: {}\n\
          seconds: load {:.3}, build {:.3}",
         shapes.len(),
+        geometry.instances.len(),
         scene.materials.len(),
         scene.lights.lights().len(),
         scene.textures.len(),

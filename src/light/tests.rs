@@ -23,7 +23,7 @@ impl Setup {
         // Two triangles that nothing emits from, so that distant lights have bounds to shine on.
         let ground = Mesh::rectangle(Affine3A::from_translation(Vec3::new(0.1, -0.1, 0.0)));
         let mut setup = Setup {
-            geometry: Geometry { shapes: vec![Shape::Mesh(ground)] },
+            geometry: Geometry::from(vec![Shape::Mesh(ground)]),
             textures: vec![checkerboard()],
             lights: Lights::default(),
         };
@@ -32,7 +32,7 @@ impl Setup {
     }
 
     fn area(shape: Shape, radiance: Color) -> Setup {
-        let geometry = Geometry { shapes: vec![shape] };
+        let geometry = Geometry::from(vec![shape]);
         let textures = vec![checkerboard()];
         let lights = Lights::new(vec![Light::Area { shape: 0, radiance }], &geometry, &textures);
         Setup { geometry, textures, lights }
@@ -123,7 +123,11 @@ fn projector(to_world: Affine3A, half_width: f32, aspect: f32, irradiance: Color
 fn hit(shape: &Shape, ray: &Ray) -> Option<SurfacePoint> {
     let Shape::Mesh(mesh) = shape else {
         let t = shape.intersect(ray)?;
-        return Some(shape.point(ray, &Hit { t, u: 0.0, v: 0.0, shape: 0, primitive: 0 }, Wanted::All));
+        return Some(shape.point(
+            ray,
+            &Hit { t, u: 0.0, v: 0.0, shape: 0, primitive: 0, instance: Hit::NO_INSTANCE },
+            Wanted::All,
+        ));
     };
     let mut nearest = (ray.t_max as f64, None);
     for triangle in 0..mesh.triangles.len() as u32 {
@@ -466,7 +470,7 @@ fn beams_are_only_emitted() {
     for (shape, color, mean) in [(disk, WHITE, Rgb::ONE), (ball, Color::Texture(0), Rgb::new(0.5, 0.4, 0.5))]
     {
         let area = shape.area();
-        let geometry = Geometry { shapes: vec![shape.clone()] };
+        let geometry = Geometry::from(vec![shape.clone()]);
         let textures = vec![checkerboard()];
         let light = Light::DirectionalArea { shape: 0, radiance: color };
         let lights = Lights::new(vec![light], &geometry, &textures);

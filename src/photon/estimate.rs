@@ -334,7 +334,7 @@ mod tests {
             Mesh::rectangle(Affine3A::IDENTITY),
             Mesh::cube(Affine3A::from_scale(Vec3::splat(0.25)) * Affine3A::from_translation(Vec3::Z)),
         ];
-        Facets::new(&Geometry { shapes: shapes.map(Shape::Mesh).into() })
+        Facets::new(&Geometry::from(shapes.map(Shape::Mesh).to_vec()))
     }
 
     /// Against a midpoint sum over 400 by 400 squares, which is good to 0.003 where the kernel jumps.

@@ -69,6 +69,13 @@ impl Scene {
                 quadric => hasher.text(quadric),
             }
         }
+        for group in &geometry.groups {
+            hasher.text(group);
+        }
+        for instance in &geometry.instances {
+            hasher.text(&instance.group);
+            hasher.array(&instance.to_world().to_cols_array());
+        }
         hasher.array(shape_material);
         for texture in textures {
             match texture {

@@ -4,6 +4,7 @@
 mod blocks;
 mod daylight;
 mod fingerprint;
+mod instances;
 mod ior;
 mod load;
 mod material;
@@ -34,7 +35,7 @@ use std::path::PathBuf;
 /// What a scene file says, with meshes and textures loaded.
 #[derive(Clone, Debug)]
 pub struct SceneDescription {
-    /// All shapes, in world space.
+    /// All shapes.
     pub geometry: Geometry,
     /// For each shape its material.
     pub shape_material: Vec<u32>,
@@ -160,11 +161,7 @@ impl Scene {
         if d.shape_material.len() != d.geometry.shapes.len() {
             return Err(Error::Runtime("every shape needs a material".into()));
         }
-        let bounded = |(i, shape): (u32, &Shape)| {
-            let bounds = shape.bounds();
-            (i, bounds, shape.radius_around(bounds.center()))
-        };
-        let shapes: Vec<_> = (0..).zip(&d.geometry.shapes).map(bounded).collect();
+        let shapes = d.geometry.shown();
         let targets = Targets::new(shapes.iter().copied());
         let sharp = |shape: u32| d.materials[d.shape_material[shape as usize] as usize].lobes().sharp;
         let casters = Targets::new(shapes.iter().copied().filter(|&(shape, ..)| sharp(shape)));
@@ -243,15 +240,19 @@ impl Scene {
     pub fn surface(&self, ray: &Ray, hit: &Hit) -> Surface<'_> {
         let shape = &self.geometry.shapes[hit.shape as usize];
         let wanted = self.shape_wanted[hit.shape as usize];
+        let instance = self.geometry.instances.get(hit.instance as usize);
+        let own_ray = instance.map_or(*ray, |instance| instance.ray(ray));
         let hit = match shape {
-            Shape::Mesh(mesh) => &mesh.refine(ray, hit),
+            Shape::Mesh(mesh) => &mesh.refine(&own_ray, hit),
             _ => hit,
         };
-        let point = shape.point(ray, hit, wanted);
+        let own = shape.point(&own_ray, hit, wanted);
+        let point = instance.map_or(own, |instance| instance.point(&own));
         let at = Lookup::new(shape, point.uv, hit.primitive, Vec2::new(hit.u, hit.v));
         let material = self.material(hit.shape);
         let (frame, partials) = if wanted == Wanted::All {
-            let partials = shape.partials(hit, &point);
+            let partials = shape.partials(hit, &own);
+            let partials = instance.map_or(partials, |instance| partials.map(|p| instance.vector(p)));
             let frame = match material.needs_tangent() {
                 true => Frame::from_normal_and_tangent(point.n_s, partials[0]),
                 false => Frame::from_normal(point.n_s),

@@ -92,7 +92,7 @@ pub(super) fn load(path: &Path, size: Option<(u32, u32)>) -> Result<SceneDescrip
         .into_iter()
         .collect::<std::result::Result<Vec<_>, String>>()
         .map_err(|message| Error::File { file: path.into(), message })?;
-    let geometry = Geometry { shapes };
+    let geometry = Geometry::from(shapes);
     if builder.lights.is_empty() {
         builder.lights.push(Light::Constant { radiance: Rgb::ONE });
         let message = "no material emits light (Ke): a constant white sky lights the scene";

@@ -10,8 +10,6 @@ use rayon::prelude::*;
 pub(super) struct Placement {
     /// The shape's own transform.
     pub to_world: DAffine3,
-    /// That of the instance around it, if there is one.
-    pub instance: DAffine3,
     /// Turn the surface around.
     pub flip_normals: bool,
     /// No vertex normals, whatever the file holds.
@@ -20,12 +18,8 @@ pub(super) struct Placement {
 
 impl Placement {
     /// As the file has it.
-    pub(super) const IDENTITY: Placement = Placement {
-        to_world: DAffine3::IDENTITY,
-        instance: DAffine3::IDENTITY,
-        flip_normals: false,
-        face_normals: false,
-    };
+    pub(super) const IDENTITY: Placement =
+        Placement { to_world: DAffine3::IDENTITY, flip_normals: false, face_normals: false };
 }
 
 /// Brings a mesh from its file to the scene. As in Mitsuba, a mesh without normals gets smooth ones unless
@@ -54,30 +48,17 @@ pub(super) fn place(mut mesh: Mesh, placement: &Placement) -> Result<Mesh, Strin
     }
     let has_normals = !mesh.normals.is_empty();
     let is_smooth = !has_normals && !placement.face_normals;
-    // An instance bends the normals that the shape has got without it.
-    let inherits_normals = is_smooth && placement.instance.matrix3 != DMat3::IDENTITY;
-    if inherits_normals {
-        let mut own = mesh.positions.clone();
-        transform(&mut own, placement.to_world);
-        mesh.normals = smooth_normals(&own, &mesh.triangles);
-    }
-    transform(&mut mesh.positions, placement.instance * placement.to_world);
+    transform(&mut mesh.positions, placement.to_world);
     if let Some(i) = first_index(&mesh.positions, |p| !p.is_finite()) {
         return Err(format!("vertex {i} is not finite"));
     }
     if placement.face_normals {
         mesh.normals = Vec::new();
-    } else if inherits_normals {
-        transform_normals(&mut mesh, placement.instance.matrix3);
     } else if is_smooth {
         mesh.normals = smooth_normals(&mesh.positions, &mesh.triangles);
     } else {
-        transform_normals(&mut mesh, placement.instance.matrix3 * placement.to_world.matrix3);
+        transform_normals(&mut mesh, placement.to_world.matrix3);
         wind_by_normals(&mut mesh);
-    }
-    // Faces keep their sides in a mirrored instance.
-    if (is_smooth || placement.face_normals) && placement.instance.matrix3.determinant() < 0.0 {
-        mesh.reverse();
     }
     if placement.flip_normals {
         mesh.flip();
@@ -241,30 +222,5 @@ mod tests {
         assert!(place(mesh, &Placement::IDENTITY).is_err());
         let huge = Placement { to_world: DAffine3::from_scale(DVec3::splat(1e39)), ..Placement::IDENTITY };
         assert!(place(folded(), &huge).is_err());
-    }
-
-    /// Mitsuba transforms what is in an instance with its normals, which it has without the instance.
-    #[test]
-    fn instances_keep_sides_and_normals() {
-        let to_world = DAffine3::from_rotation_x(0.3) * DAffine3::from_scale(DVec3::new(1.0, 2.0, 1.0));
-        for scale in [DVec3::new(1.0, 1.0, 4.0), DVec3::new(-1.0, 2.0, 0.5)] {
-            let instance = DAffine3::from_rotation_y(1.0) * DAffine3::from_scale(scale);
-            for face_normals in [false, true] {
-                let own = Placement { to_world, face_normals, ..Placement::IDENTITY };
-                let alone = place(folded(), &own).unwrap();
-                let mesh = place(folded(), &Placement { instance, ..own }).unwrap();
-                let bend = instance.matrix3.inverse().transpose();
-                let bent = |n: Vec3| (bend * n.as_dvec3()).normalize().as_vec3();
-                for (n, own) in mesh.normals.iter().zip(&alone.normals) {
-                    assert!(n.distance(bent(*own)) < 1e-5, "{n} is not {}", bent(*own));
-                }
-                for t in 0..2 {
-                    let n = mesh.area_vector(t).normalize();
-                    assert!(n.distance(bent(alone.area_vector(t))) < 1e-5, "{scale} {face_normals}");
-                }
-                let p = instance.transform_point3(to_world.transform_point3(DVec3::new(1.0, 1.0, 0.5)));
-                assert!(mesh.positions[2].distance(p.as_vec3()) < 1e-6);
-            }
-        }
     }
 }

@@ -71,10 +71,10 @@ fn crosses(p: Vec2, a: Vec2, b: Vec2) -> bool {
 }
 
 impl Facets {
-    /// Finds them.
+    /// Finds them, but for those in groups: where an instance's surfaces end, nobody knows.
     pub fn new(geometry: &Geometry) -> Facets {
         let per_shape: Vec<(Vec<Facet>, Vec<u32>)> = geometry
-            .shapes
+            .world()
             .par_iter()
             .map(|shape| match shape {
                 Shape::Mesh(mesh) if mesh.triangles.len() <= MAX_TRIANGLES => of_mesh(mesh),
@@ -285,7 +285,7 @@ mod tests {
     use glam::Affine3A;
 
     fn facets(meshes: Vec<Mesh>) -> Facets {
-        Facets::new(&Geometry { shapes: meshes.into_iter().map(Shape::Mesh).collect() })
+        Facets::new(&Geometry::from(meshes.into_iter().map(Shape::Mesh).collect::<Vec<_>>()))
     }
 
     fn mesh(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Mesh {
@@ -367,7 +367,7 @@ mod tests {
         };
         assert_eq!((drum(6), drum(60)), (6, 0));
         let sphere = Sphere::new(Vec3::ZERO, 1.0, Affine3A::IDENTITY, false).unwrap();
-        assert!(Facets::new(&Geometry { shapes: vec![Shape::Sphere(sphere)] }).get(0, 0).is_none());
+        assert!(Facets::new(&Geometry::from(vec![Shape::Sphere(sphere)])).get(0, 0).is_none());
     }
 
     #[test]

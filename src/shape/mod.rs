@@ -1,9 +1,10 @@
-//! Geometry alone: triangle meshes and analytic quadrics in world space. Backends intersect it, lights sample it,
+//! Geometry alone: triangle meshes and analytic quadrics, in world space or in groups that instances place there. Backends intersect it, lights sample it,
 //! the scene derives shading data from it; it knows none of them.
 
 mod cylinder;
 mod disk;
 mod facet;
+mod instance;
 mod mesh;
 mod sample;
 mod sphere;
@@ -11,13 +12,15 @@ mod sphere;
 pub use cylinder::Cylinder;
 pub use disk::Disk;
 pub use facet::{Edge, Facet, Facets};
+pub use instance::Instance;
 pub use mesh::{Attribute, Mesh};
 pub use sphere::Sphere;
 
 use crate::math::Ray;
 use glam::{DVec3, Vec2, Vec3};
+use std::ops::Range;
 
-/// What a ray hit: identity and parameters, 20 bytes. Shading data is derived later, by [`Shape::point`].
+/// What a ray hit: identity and parameters, 24 bytes. Shading data is derived later, by [`Shape::point`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Distance along the ray.
@@ -30,6 +33,13 @@ pub struct Hit {
     pub shape: u32,
     /// Triangle of the mesh; 0 for quadrics.
     pub primitive: u32,
+    /// Index into [`Geometry::instances`]; [`Hit::NO_INSTANCE`] for shapes that are in no group.
+    pub instance: u32,
+}
+
+impl Hit {
+    /// An index that no instance has.
+    pub const NO_INSTANCE: u32 = u32::MAX;
 }
 
 /// A point on a surface, as far as geometry goes.
@@ -81,7 +91,7 @@ pub struct AreaSample {
     pub weights: Vec2,
 }
 
-/// The closed set of shapes, all in world space.
+/// The closed set of shapes, in world space or that of their group.
 #[derive(Clone, Debug)]
 pub enum Shape {
     /// Triangles. Rectangles and cubes are meshes too.
@@ -97,8 +107,12 @@ pub enum Shape {
 /// All shapes of a scene.
 #[derive(Clone, Debug, Default)]
 pub struct Geometry {
-    /// The shapes; everything else names them by index.
+    /// The shapes; everything else names them by index. Those in groups come last.
     pub shapes: Vec<Shape>,
+    /// Which shapes each group holds, one group after the other. They show only where instances place them.
+    pub groups: Vec<Range<u32>>,
+    /// Groups in their places.
+    pub instances: Vec<Instance>,
 }
 
 /// An axis-aligned box.
@@ -230,11 +244,57 @@ impl Shape {
     }
 }
 
+impl From<Vec<Shape>> for Geometry {
+    /// Without groups.
+    fn from(shapes: Vec<Shape>) -> Geometry {
+        Geometry { shapes, ..Geometry::default() }
+    }
+}
+
 impl Geometry {
+    /// The shapes in no group.
+    pub fn world(&self) -> &[Shape] {
+        &self.shapes[..self.groups.first().map_or(self.shapes.len(), |group| group.start as usize)]
+    }
+
+    /// The shapes of a group.
+    pub fn group(&self, group: u32) -> &[Shape] {
+        let Range { start, end } = self.groups[group as usize];
+        &self.shapes[start as usize..end as usize]
+    }
+
     /// Bounds of everything.
     pub fn bounds(&self) -> Bounds {
-        self.shapes.iter().fold(Bounds::EMPTY, |b, s| b.union(s.bounds()))
+        self.instance_bounds().into_iter().fold(around(self.world()), Bounds::union)
     }
+
+    /// Bounds of each instance.
+    pub fn instance_bounds(&self) -> Vec<Bounds> {
+        let groups: Vec<Bounds> = (0..self.groups.len() as u32).map(|g| around(self.group(g))).collect();
+        self.instances.iter().map(|instance| instance.bounds(&groups[instance.group as usize])).collect()
+    }
+
+    /// All shapes wherever they show: the index, bounds, and the radius around the middle of these that the shape keeps.
+    pub fn shown(&self) -> Vec<(u32, Bounds, f32)> {
+        let own = |shape: &Shape| {
+            let bounds = shape.bounds();
+            (bounds, shape.radius_around(bounds.center()))
+        };
+        let all: Vec<(Bounds, f32)> = self.shapes.iter().map(own).collect();
+        let mut shown: Vec<_> = (0..).zip(&all[..self.world().len()]).map(|(i, &(b, r))| (i, b, r)).collect();
+        for instance in &self.instances {
+            let stretch = instance.stretch();
+            shown.extend(self.groups[instance.group as usize].clone().map(|shape| {
+                let (bounds, radius) = &all[shape as usize];
+                (shape, instance.bounds(bounds), radius * stretch)
+            }));
+        }
+        shown
+    }
+}
+
+fn around(shapes: &[Shape]) -> Bounds {
+    shapes.iter().fold(Bounds::EMPTY, |b, s| b.union(s.bounds()))
 }
 
 // What the analytic shapes share. They compute in f64: coordinates and radii are exact there, so that nothing cancels

@@ -22,7 +22,14 @@ fn assert_near(a: Vec3, b: [f32; 3]) {
 /// What a ray sees of a shape: p, n_g, uv, ∂p/∂u.
 fn see(shape: &Shape, o: [f32; 3], d: [f32; 3]) -> (Vec3, Vec3, Vec2, Vec3) {
     let ray = Ray::new(o.into(), d.into());
-    let hit = Hit { t: shape.intersect(&ray).expect("a hit"), u: 0.0, v: 0.0, shape: 0, primitive: 0 };
+    let hit = Hit {
+        t: shape.intersect(&ray).expect("a hit"),
+        u: 0.0,
+        v: 0.0,
+        shape: 0,
+        primitive: 0,
+        instance: Hit::NO_INSTANCE,
+    };
     let point = shape.point(&ray, &hit, Wanted::All);
     (point.p, point.n_g, point.uv, shape.partials(&hit, &point)[0])
 }
@@ -190,7 +197,11 @@ fn hits_lie_on_the_surface_and_in_the_bounds() {
         let ray = Ray::new(o, (center + random.point() * size - o).normalize_or(Vec3::X));
         let Some(t) = shape.intersect(&ray) else { continue };
         hits += 1;
-        let point = shape.point(&ray, &Hit { t, u: 0.0, v: 0.0, shape: 0, primitive: 0 }, Wanted::All);
+        let point = shape.point(
+            &ray,
+            &Hit { t, u: 0.0, v: 0.0, shape: 0, primitive: 0, instance: Hit::NO_INSTANCE },
+            Wanted::All,
+        );
         let bounds = shape.bounds();
         assert!(point.p.cmpge(bounds.min).all() && point.p.cmple(bounds.max).all());
         // On the ray, up to what f32 coordinates of both ends allow ...

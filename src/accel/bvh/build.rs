@@ -20,7 +20,7 @@ const PARALLEL: usize = 1 << 14;
 pub(super) struct Item {
     /// The last component holds the index.
     lower: Vec4,
-    /// The last component is 1 for a quadric and 0 for a triangle.
+    /// The last component is 1 for a single (see [`Ref`]) and 0 for a triangle.
     upper: Vec4,
 }
 
@@ -36,7 +36,7 @@ impl Item {
         Item { lower: bounds.min.extend(Item::coded(index)), upper: bounds.max.extend(0.0) }
     }
 
-    pub(super) fn quadric(bounds: Bounds, index: u32) -> Item {
+    pub(super) fn single(bounds: Bounds, index: u32) -> Item {
         Item { lower: bounds.min.extend(Item::coded(index)), upper: bounds.max.extend(1.0) }
     }
 
@@ -190,7 +190,7 @@ impl Tree {
             return self.add(vec![set]);
         }
         match set.items {
-            [item] if item.upper.w > 0.0 => Ref::quadric(item.index()),
+            [item] if item.upper.w > 0.0 => Ref::single(item.index()),
             items => {
                 self.packets.push((set.first as u32, items.len() as u32));
                 Ref::packet(self.packets.len() - 1)

@@ -29,6 +29,11 @@ impl<T: Pod> Huge<T> {
         fill(bytemuck::cast_slice_mut(&mut map[..len * size_of::<T>()]));
         Ok(Huge { map, of: PhantomData })
     }
+
+    #[cfg(test)]
+    pub(super) fn bytes(&self) -> usize {
+        self.map.len()
+    }
 }
 
 impl<T: Pod> Index<usize> for Huge<T> {

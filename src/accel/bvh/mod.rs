@@ -10,38 +10,64 @@ mod triangle;
 use super::Intersector;
 use crate::Result;
 use crate::math::Ray;
-use crate::shape::{Bounds, Geometry, Hit, Mesh, Shape};
+use crate::shape::{Bounds, Geometry, Hit, Instance, Mesh, Shape};
 use build::Item;
 use huge::Huge;
-use node::{Node, Ref};
+use node::Node;
 use rayon::prelude::*;
 use simd::Portable;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use triangle::{Found, Packet};
+use traverse::Trace;
+use triangle::Packet;
 
-/// A tree over all triangles and analytic shapes of a scene.
+/// A tree over the triangles, analytic shapes and instances of a scene, or of a group.
 pub(super) struct Bvh {
     /// The root first.
     nodes: Huge<Node>,
     packets: Huge<Packet>,
-    /// Beside the indices of their shapes.
-    quadrics: Vec<(Shape, u32)>,
+    singles: Vec<Single>,
+    /// Those of the scene.
+    instances: Vec<Instance>,
+    groups: Vec<Bvh>,
     #[cfg(target_arch = "x86_64")]
     avx2: Option<simd::Avx2>,
 }
 
+/// What fills a leaf of its own.
+enum Single {
+    /// Beside its index.
+    Quadric(Shape, u32),
+    /// By its index.
+    Instance(u32),
+}
+
 impl Bvh {
-    /// Builds the tree; the meshes' indices must have been checked. What is not finite is left out.
+    /// Builds the tree; the geometry's indices must have been checked. What is not finite is left out.
     ///
     /// # Errors
     /// [`crate::Error::Runtime`] if there is not enough memory.
     pub(super) fn new(geometry: &Geometry) -> Result<Bvh> {
-        let (mut items, mut quadrics, mut meshes) = (Vec::new(), Vec::new(), Vec::new());
+        let group = |(group, range): (u32, &Range<u32>)| Bvh::over(geometry.group(group), range.start, &[]);
+        let groups = (0..).zip(&geometry.groups).map(group).collect::<Result<_>>()?;
+        let tree = Bvh::over(geometry.world(), 0, &geometry.instance_bounds())?;
+        Ok(Bvh { instances: geometry.instances.clone(), groups, ..tree })
+    }
+
+    /// The tree over shapes, the first of which has this index, and over what has these bounds.
+    fn over(shapes: &[Shape], first: u32, instances: &[Bounds]) -> Result<Bvh> {
+        let (mut items, mut singles, mut meshes) = (Vec::new(), Vec::new(), Vec::new());
         let mut triangles = 0;
         let broken = AtomicBool::new(false);
-        for (i, shape) in geometry.shapes.iter().enumerate() {
+        let mut single = |items: &mut Vec<Item>, bounds: Bounds, single| {
+            if bounds.min.is_finite() && bounds.max.is_finite() {
+                items.push(Item::single(bounds, singles.len() as u32));
+                singles.push(single);
+            }
+        };
+        for (i, shape) in (first..).zip(shapes) {
             if let Shape::Mesh(mesh) = shape {
-                meshes.push((triangles, i as u32, mesh));
+                meshes.push((triangles, i, mesh));
                 let range = (0..mesh.triangles.len() as u32).into_par_iter();
                 items.par_extend(range.map(|t| {
                     item(mesh, t, triangles + t).unwrap_or_else(|| {
@@ -51,12 +77,11 @@ impl Bvh {
                 }));
                 triangles += mesh.triangles.len() as u32;
             } else {
-                let bounds = shape.bounds();
-                if bounds.min.is_finite() && bounds.max.is_finite() {
-                    items.push(Item::quadric(bounds, quadrics.len() as u32));
-                    quadrics.push((shape.clone(), i as u32));
-                }
+                single(&mut items, shape.bounds(), Single::Quadric(shape.clone(), i));
             }
+        }
+        for (i, bounds) in (0..).zip(instances) {
+            single(&mut items, *bounds, Single::Instance(i));
         }
         if broken.into_inner() {
             items.retain(|item| !item.is_broken());
@@ -75,19 +100,12 @@ impl Bvh {
             packets: Huge::new(tree.packets.len(), |packets: &mut [Packet]| {
                 packets.par_iter_mut().zip(&tree.packets).for_each(fill);
             })?,
-            quadrics,
+            singles,
+            instances: Vec::new(),
+            groups: Vec::new(),
             #[cfg(target_arch = "x86_64")]
             avx2: simd::Avx2::detect(),
         })
-    }
-
-    fn hit(&self, leaf: Ref, found: &Found) -> Hit {
-        if leaf.is_packet() {
-            self.packets[leaf.index()].hit(found)
-        } else {
-            let Found { t, u, v, .. } = *found;
-            Hit { t, u, v, shape: self.quadrics[leaf.index()].1, primitive: 0 }
-        }
     }
 }
 
@@ -99,22 +117,49 @@ fn item(mesh: &Mesh, triangle: u32, index: u32) -> Option<Item> {
 }
 
 impl Bvh {
-    fn nearest(&self, ray: &Ray) -> Option<Hit> {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(avx2) = self.avx2 {
-            return traverse::intersect_avx2(avx2, self, ray);
-        }
-        traverse::traverse::<_, false>(Portable, self, ray)
+    /// The nearest hit; with `ANY` the first one found.
+    fn trace<S: Trace, const ANY: bool>(&self, s: S, ray: &Ray) -> Option<Hit> {
+        if is_short(ray) { self.trace_lengthened(s, ray) } else { s.trace::<ANY>(self, ray) }
     }
 
     /// The nearest hit on a ray whose direction is so short that its reciprocal overflows.
     #[cold]
-    fn nearest_lengthened(&self, ray: &Ray) -> Option<Hit> {
+    fn trace_lengthened<S: Trace>(&self, s: S, ray: &Ray) -> Option<Hit> {
         let scale = 2f32.powi(60);
         let Ray { o, t_min, d, t_max } = *ray;
-        let hit = self.nearest(&Ray { o, t_min: t_min / scale, d: d * scale, t_max: t_max / scale })?;
+        let lengthened = Ray { o, t_min: t_min / scale, d: d * scale, t_max: t_max / scale };
+        let hit = s.trace::<false>(self, &lengthened)?;
         let t = hit.t * scale;
         (t > t_min && t < t_max).then_some(Hit { t, ..hit })
+    }
+
+    /// What it takes of memory.
+    #[cfg(test)]
+    fn bytes(&self) -> usize {
+        let own = self.nodes.bytes() + self.packets.bytes();
+        let lists = size_of_val(&self.singles[..]) + size_of_val(&self.instances[..]);
+        own + lists + self.groups.iter().map(Bvh::bytes).sum::<usize>()
+    }
+
+    /// The hit with a single. Out of line: scenes of triangles need not make room for it.
+    #[inline(never)]
+    fn single<S: Trace, const ANY: bool>(&self, s: S, index: usize, ray: &Ray) -> Option<Hit> {
+        match self.singles[index] {
+            Single::Quadric(ref quadric, shape) => quadric.intersect(ray).map(|t| Hit {
+                t,
+                u: 0.0,
+                v: 0.0,
+                shape,
+                primitive: 0,
+                instance: Hit::NO_INSTANCE,
+            }),
+            Single::Instance(index) => {
+                let instance = &self.instances[index as usize];
+                // Groups hold no instances, so this goes no deeper.
+                let hit = self.groups[instance.group as usize].trace::<S, ANY>(s, &instance.ray(ray))?;
+                Some(Hit { instance: index, ..hit })
+            }
+        }
     }
 }
 
@@ -124,18 +169,19 @@ fn is_short(ray: &Ray) -> bool {
 
 impl Intersector for Bvh {
     fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        if is_short(ray) { self.nearest_lengthened(ray) } else { self.nearest(ray) }
+        #[cfg(target_arch = "x86_64")]
+        if let Some(avx2) = self.avx2 {
+            return self.trace::<_, false>(avx2, ray);
+        }
+        self.trace::<_, false>(Portable, ray)
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
-        if is_short(ray) {
-            return self.nearest_lengthened(ray).is_some();
-        }
         #[cfg(target_arch = "x86_64")]
         if let Some(avx2) = self.avx2 {
-            return traverse::occluded_avx2(avx2, self, ray);
+            return self.trace::<_, true>(avx2, ray).is_some();
         }
-        traverse::traverse::<_, true>(Portable, self, ray).is_some()
+        self.trace::<_, true>(Portable, ray).is_some()
     }
 }
 

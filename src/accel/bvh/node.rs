@@ -6,14 +6,14 @@ use crate::shape::Bounds;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// Where a child is: a node, a packet of triangles, or a quadric, by its index below [`Ref::LIMIT`].
+/// Where a child is: a node, a packet of triangles, or a single (a quadric or an instance), by its index below [`Ref::LIMIT`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Ref(pub(super) u32);
 
 impl Ref {
     pub(super) const LIMIT: usize = 1 << 30;
     const PACKET: u32 = 2 << 30;
-    const QUADRIC: u32 = 3 << 30;
+    const SINGLE: u32 = 3 << 30;
 
     pub(super) fn node(index: usize) -> Ref {
         Ref(index as u32)
@@ -23,8 +23,8 @@ impl Ref {
         Ref(index as u32 | Ref::PACKET)
     }
 
-    pub(super) fn quadric(index: usize) -> Ref {
-        Ref(index as u32 | Ref::QUADRIC)
+    pub(super) fn single(index: usize) -> Ref {
+        Ref(index as u32 | Ref::SINGLE)
     }
 
     pub(super) fn is_node(self) -> bool {
@@ -32,7 +32,7 @@ impl Ref {
     }
 
     pub(super) fn is_packet(self) -> bool {
-        (Ref::PACKET..Ref::QUADRIC).contains(&self.0)
+        (Ref::PACKET..Ref::SINGLE).contains(&self.0)
     }
 
     pub(super) fn index(self) -> usize {

@@ -1,23 +1,24 @@
 //! The vector unit's answers against plain Rust's, and the parts that traversal relies on.
 
 #![allow(unsafe_code)] // to read what the kernels wrote
+#![allow(clippy::single_range_in_vec_init)] // what groups are
 
 use super::node::{ORDER, Ref};
 use super::simd::{Portable, Simd};
 use super::*;
-use crate::accel::tests::{Random, mixed, ray};
-use glam::{Affine3A, Vec3};
+use crate::accel::tests::{Random, meshes, mixed, ray};
+use glam::{Affine3A, DAffine3, DVec3, Quat, Vec3};
 use proptest::prelude::*;
 use std::mem::MaybeUninit;
 
 /// The same tree without the vector unit.
 fn portable(bvh: &Bvh, ray: &Ray) -> (Option<Hit>, bool) {
-    let any = traverse::traverse::<_, true>(Portable, bvh, ray).is_some();
-    (traverse::traverse::<_, false>(Portable, bvh, ray), any)
+    let any = bvh.trace::<_, true>(Portable, ray).is_some();
+    (bvh.trace::<_, false>(Portable, ray), any)
 }
 
-fn bits(hit: Option<Hit>) -> Option<[u32; 5]> {
-    hit.map(|h| [h.t.to_bits(), h.u.to_bits(), h.v.to_bits(), h.shape, h.primitive])
+fn bits(hit: Option<Hit>) -> Option<[u32; 6]> {
+    hit.map(|h| [h.t.to_bits(), h.u.to_bits(), h.v.to_bits(), h.shape, h.primitive, h.instance])
 }
 
 #[test]
@@ -40,6 +41,58 @@ fn vectors_change_no_bit_of_a_hit() {
         }
         assert!(hits > 5000, "{hits}");
     }
+}
+
+/// The mixed scene in 30 places of itself.
+fn instanced() -> Geometry {
+    let mut geometry = mixed(3, 500);
+    let own = geometry.shapes.len() as u32;
+    geometry.shapes.extend_from_within(..);
+    geometry.groups.push(own..2 * own);
+    let mut random = Random(8);
+    for _ in 0..30 {
+        let turn = Quat::from_scaled_axis(random.point() * 3.0).as_dquat();
+        let m = DAffine3::from_rotation_translation(turn, random.point().as_dvec3());
+        geometry.instances.push(Instance::new(0, m * DAffine3::from_scale(random.point().as_dvec3())));
+    }
+    geometry
+}
+
+#[test]
+fn vectors_change_no_bit_in_instances() {
+    let geometry = instanced();
+    let bvh = Bvh::new(&geometry).unwrap();
+    let mut random = Random(58);
+    let mut hits = 0;
+    for i in 0..20_000 {
+        // Some so short that they are lengthened.
+        let o = random.point() * 2.0;
+        let d = random.direction() * [1.0, 1e-40][(i % 16 == 0) as usize];
+        let t_max = [f32::INFINITY, random.next()][i % 2];
+        let ray = Ray { t_max, ..Ray::new(o, d) };
+        let (hit, any) = portable(&bvh, &ray);
+        hits += hit.is_some_and(|h| h.instance != Hit::NO_INSTANCE) as u32;
+        assert_eq!(bits(bvh.intersect(&ray)), bits(hit), "{ray:?}");
+        assert_eq!(bvh.occluded(&ray), any, "{ray:?}");
+        assert_eq!(any, hit.is_some(), "{ray:?}");
+    }
+    assert!(hits > 3000, "{hits}");
+}
+
+/// A tree for the group, and one of leaves alone.
+#[test]
+fn memory_does_not_grow_with_instances() {
+    let (positions, triangles) = meshes::organic(6);
+    let many = triangles.len();
+    assert!(many > 80_000);
+    let mesh = Shape::Mesh(Mesh { positions, triangles, ..Mesh::default() });
+    let once = Bvh::new(&Geometry::from(vec![mesh.clone()])).unwrap().bytes();
+    assert!(once > 36 * many);
+    let at = |i: u32| Instance::new(0, DAffine3::from_translation(DVec3::X * i as f64));
+    let instances: Vec<Instance> = (0..1000).map(at).collect();
+    let geometry = Geometry { shapes: vec![mesh], groups: vec![0..1], instances };
+    let bytes = Bvh::new(&geometry).unwrap().bytes();
+    assert!(bytes < once + 1000 * 512, "{bytes} where one takes {once}");
 }
 
 #[test]
@@ -77,7 +130,7 @@ fn weights_are_never_nan() {
         let place = if i % 2 == 0 { Vec3::ZERO } else { random.point() };
         let positions = vec![place, place + a, place + b];
         let mesh = Mesh { positions, triangles: vec![[0, 1, 2]], ..Default::default() };
-        let bvh = Bvh::new(&Geometry { shapes: vec![Shape::Mesh(mesh)] }).unwrap();
+        let bvh = Bvh::new(&Geometry::from(vec![Shape::Mesh(mesh)])).unwrap();
         let o = random.direction() * 3.0;
         for target in [place, place + (a + b) / 3.0] {
             if let Some(hit) = bvh.intersect(&Ray::new(o, target - o)) {
@@ -93,7 +146,8 @@ fn weights_are_never_nan() {
 fn directions_may_be_denormal() {
     // Behind each other, and near enough for distances to be finite.
     let layer = |z| Shape::Mesh(Mesh::rectangle(Affine3A::from_translation(Vec3::Z * z)));
-    let bvh = Bvh::new(&Geometry { shapes: (1..=30).map(|i| layer(-0.001 * i as f32)).collect() }).unwrap();
+    let bvh =
+        Bvh::new(&Geometry::from((1..=30).map(|i| layer(-0.001 * i as f32)).collect::<Vec<_>>())).unwrap();
     for d in [Vec3::new(1e-41, 0.0, -1e-40), Vec3::new(-0.0, 0.0, -1e-40), Vec3::new(1e-44, -1e-41, -1e-40)] {
         let ray = Ray::new(Vec3::new(0.3, 0.2, 0.0), d);
         let hit = bvh.intersect(&ray).unwrap();
@@ -127,7 +181,7 @@ proptest! {
         let n = positions.len() as u32;
         let triangles = (0..n).map(|i| [i, (i + 1) % n, (i + 2) % n]).collect();
         let mesh = Mesh { positions, triangles, ..Default::default() };
-        let bvh = Bvh::new(&Geometry { shapes: vec![Shape::Mesh(mesh)] }).unwrap();
+        let bvh = Bvh::new(&Geometry::from(vec![Shape::Mesh(mesh)])).unwrap();
         for (o, d, t_min, t_max) in rays {
             for ray in [Ray { o, d, t_min, t_max }, Ray::new(o, d)].into_iter().filter(|r| !is_short(r)) {
                 let (hit, any) = portable(&bvh, &ray);
@@ -205,7 +259,8 @@ fn every_primitive_has_one_leaf() {
                     assert!(seen.insert(lane), "{lane:?} twice");
                 }
             } else {
-                assert!(seen.insert((bvh.quadrics[at.index()].1, 0)));
+                let Single::Quadric(_, shape) = bvh.singles[at.index()] else { panic!() };
+                assert!(seen.insert((shape, 0)));
             }
         }
         let all: usize = geometry

@@ -6,8 +6,8 @@ use super::Bvh;
 use super::build::MAX_DEPTH;
 use super::huge::Huge;
 use super::node::{Node, ORDER, Ref, Slabs};
-use super::simd::{Lanes, Simd};
-use super::triangle::{Found, Packet, Shear};
+use super::simd::{Lanes, Portable, Simd};
+use super::triangle::{Packet, Shear};
 use crate::math::Ray;
 use crate::shape::Hit;
 use std::mem::MaybeUninit;
@@ -19,9 +19,20 @@ fn eight<T>(from: &mut [T; STACK], start: usize) -> &mut Lanes<T> {
     from[start..].first_chunk_mut().expect("the tree is no deeper than MAX_DEPTH")
 }
 
-/// The nearest hit; with `ANY` the first one found.
+/// A vector unit that traversal is compiled for.
+pub(super) trait Trace: Simd {
+    /// The nearest hit; with `ANY` the first one found.
+    fn trace<const ANY: bool>(self, bvh: &Bvh, ray: &Ray) -> Option<Hit>;
+}
+
+impl Trace for Portable {
+    fn trace<const ANY: bool>(self, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
+        traverse::<_, ANY>(self, bvh, ray)
+    }
+}
+
 #[inline(always)]
-pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
+fn traverse<S: Trace, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
     let (nodes, packets): (&Huge<Node>, &Huge<Packet>) = (&bvh.nodes, &bvh.packets);
     if !crate::accel::is_valid(ray) {
         return None;
@@ -32,7 +43,7 @@ pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> 
     let mut ray = *ray;
     let mut limit = ray.t_max * Slabs::<S>::SLACK;
     let mut t_max = s.splat(limit);
-    let mut best: Option<(Ref, Found)> = None;
+    let mut best = None;
     // Children still to visit and where the ray enters them, initialised below the height.
     let mut refs = [MaybeUninit::uninit(); STACK];
     let mut enters = [MaybeUninit::uninit(); STACK];
@@ -70,17 +81,20 @@ pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> 
                 continue;
             }
         } else {
-            let found = if current.is_packet() {
-                shear.intersect::<ANY>(s, &packets[current.index()], &mut ray, t_max)
+            // Not by a closure, which would not be inlined.
+            #[allow(clippy::manual_map)]
+            let hit = if current.is_packet() {
+                let packet = &packets[current.index()];
+                match shear.intersect::<ANY>(s, packet, &mut ray, t_max) {
+                    Some(found) => Some(packet.hit(&found)),
+                    None => None,
+                }
             } else {
-                let (quadric, _) = &bvh.quadrics[current.index()];
-                quadric.intersect(&ray).map(|t| {
-                    ray.t_max = t;
-                    Found { t, u: 0.0, v: 0.0, lane: 0 }
-                })
+                bvh.single::<S, ANY>(s, current.index(), &ray)
             };
-            if let Some(found) = found {
-                best = Some((current, found));
+            if let Some(hit) = hit {
+                ray.t_max = hit.t;
+                best = Some(hit);
                 if ANY {
                     break;
                 }
@@ -90,7 +104,7 @@ pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> 
         }
         loop {
             if height == 0 {
-                return best.map(|(leaf, found)| bvh.hit(leaf, &found));
+                return best;
             }
             height -= 1;
             // SAFETY: initialised, as it lies below the height.
@@ -102,33 +116,23 @@ pub(super) fn traverse<S: Simd, const ANY: bool>(s: S, bvh: &Bvh, ray: &Ray) -> 
             }
         }
     }
-    best.map(|(leaf, found)| bvh.hit(leaf, &found))
+    best
 }
-
-#[cfg(target_arch = "x86_64")]
-pub(super) use avx2::{intersect as intersect_avx2, occluded as occluded_avx2};
 
 /// Traversal compiled for AVX2.
 #[cfg(target_arch = "x86_64")]
 mod avx2 {
     use super::super::simd::Avx2;
-    use super::{Bvh, Hit, Ray, traverse};
+    use super::{Bvh, Hit, Ray, Trace, traverse};
 
-    pub(in super::super) fn intersect(avx2: Avx2, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
-        #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
-        unsafe fn compiled(avx2: Avx2, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
-            traverse::<_, false>(avx2, bvh, ray)
+    impl Trace for Avx2 {
+        fn trace<const ANY: bool>(self, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
+            #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+            unsafe fn compiled<const ANY: bool>(avx2: Avx2, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
+                traverse::<_, ANY>(avx2, bvh, ray)
+            }
+            // SAFETY: `self` proves that the CPU has the features.
+            unsafe { compiled::<ANY>(self, bvh, ray) }
         }
-        // SAFETY: `avx2` proves that the CPU has the features.
-        unsafe { compiled(avx2, bvh, ray) }
-    }
-
-    pub(in super::super) fn occluded(avx2: Avx2, bvh: &Bvh, ray: &Ray) -> bool {
-        #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
-        unsafe fn compiled(avx2: Avx2, bvh: &Bvh, ray: &Ray) -> bool {
-            traverse::<_, true>(avx2, bvh, ray).is_some()
-        }
-        // SAFETY: `avx2` proves that the CPU has the features.
-        unsafe { compiled(avx2, bvh, ray) }
     }
 }

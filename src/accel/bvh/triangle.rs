@@ -44,9 +44,17 @@ impl Packet {
         [0, 1, 2].map(|i| Vec3::from_array(self.vertices[i].map(|axis| axis[lane])))
     }
 
+    #[inline(always)]
     pub(super) fn hit(&self, found: &Found) -> Hit {
         let Found { t, u, v, lane } = *found;
-        Hit { t, u, v, shape: self.shapes[lane], primitive: self.primitives[lane] }
+        Hit {
+            t,
+            u,
+            v,
+            shape: self.shapes[lane],
+            primitive: self.primitives[lane],
+            instance: Hit::NO_INSTANCE,
+        }
     }
 }
 

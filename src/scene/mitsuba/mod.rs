@@ -17,12 +17,13 @@ mod old_tests;
 #[cfg(test)]
 mod tests;
 
+use super::instances;
 use super::pending::{Pending, unless_failed};
 use super::{IntegratorParam, SceneDescription};
 use crate::Result;
 use crate::light::Light;
 use crate::scene::Material;
-use crate::shape::{Geometry, Shape};
+use crate::shape::{Bounds, Geometry, Instance, Shape};
 use crate::texture::Texture;
 use props::Props;
 use std::collections::HashMap;
@@ -52,8 +53,11 @@ struct Loader<'a> {
     /// Shapes, where they stand, and what attributes of meshes their materials and lights look up.
     attributes: Vec<(u32, xml::Pos, Vec<xml::Asked>)>,
     jobs: Vec<shapes::Job>,
-    /// How many shapes are in groups and instances.
-    copies: u32,
+    /// Shape groups that have instances.
+    groups: Vec<Props<'a>>,
+    instances: Vec<(Instance, Props<'a>)>,
+    /// How many shapes are in groups and merges.
+    nested_shapes: u32,
     /// How many files the scene has named so far.
     files: u32,
     shape_material: Vec<u32>,
@@ -79,7 +83,9 @@ pub(super) fn load(
         attribute_names: attribute_names(&tree),
         attributes: Vec::new(),
         jobs: Vec::new(),
-        copies: 0,
+        groups: Vec::new(),
+        instances: Vec::new(),
+        nested_shapes: 0,
         files: 0,
         shape_material: Vec::new(),
         depth: 0,
@@ -106,6 +112,7 @@ pub(super) fn load(
             tag => return Err(child.error(format!("<{tag}> cannot stand inside <scene>"))),
         }
     }
+    let groups = loader.grouped_shapes()?;
     // Named textures and media at the top are definitions like the rest.
     for property in scene.unused().filter(|p| matches!(p.value, Value::Object(_))) {
         property.used.set(true);
@@ -149,9 +156,17 @@ pub(super) fn load(
             return Err(emitter.error("this light's shape has no area, so it cannot shine: remove the light"));
         }
     }
+    let (instances, at): (Vec<_>, Vec<_>) = loader.instances.into_iter().unzip();
+    let mut geometry = Geometry { shapes, groups, instances };
+    let overflows = |b: &Bounds| !(b.is_empty() || b.min.is_finite() && b.max.is_finite());
+    if let Some(i) = geometry.instance_bounds().iter().position(overflows) {
+        return Err(at[i].error("the instance is out of the range of numbers: scale or move it less"));
+    }
+    let mut shape_material = loader.shape_material;
+    instances::copy_small(&mut geometry, &mut shape_material);
     Ok(SceneDescription {
-        geometry: Geometry { shapes },
-        shape_material: loader.shape_material,
+        geometry,
+        shape_material,
         materials: loader.materials,
         textures,
         lights,

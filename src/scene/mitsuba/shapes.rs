@@ -7,16 +7,17 @@ use crate::scene::material::Material;
 use crate::scene::pending::{Failure, Pending};
 use crate::scene::place::{Placement, place};
 use crate::scene::{obj, ply, serialized};
-use crate::shape::{Cylinder, Disk, Mesh, Shape, Sphere};
+use crate::shape::{Cylinder, Disk, Instance, Mesh, Shape, Sphere};
 use crate::texture::Color;
 use crate::{Error, Result};
-use glam::{DAffine3, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
+use std::ops::Range;
 use std::path::PathBuf;
 
-/// Shapes in groups and instances, which are copied for now.
-const MAX_COPIES: u32 = 1 << 20;
+/// Children of groups and merges.
+const MAX_NESTED: u32 = 1 << 20;
 
 /// A shape, or what it takes to read it.
 pub(super) enum Job {
@@ -105,16 +106,27 @@ impl MeshFile {
 
 impl<'a> Loader<'a> {
     pub(super) fn shape(&mut self, props: Props<'a>) -> Result<()> {
-        self.placed_shape(props, None)
+        self.shape_of(props, false)
     }
 
-    /// A shape, perhaps inside of an instance that has this transform.
-    fn placed_shape(&mut self, props: Props<'a>, instance: Option<DAffine3>) -> Result<()> {
+    /// The groups that instances are of. They come last, as in [`crate::shape::Geometry`].
+    pub(super) fn grouped_shapes(&mut self) -> Result<Vec<Range<u32>>> {
+        let groups = std::mem::take(&mut self.groups);
+        let of_group = |group: Props<'a>| {
+            let start = self.jobs.len() as u32;
+            self.nested(group, |loader| loader.shapes_of(group, true))?;
+            Ok(start..self.jobs.len() as u32)
+        };
+        groups.into_iter().map(of_group).collect()
+    }
+
+    /// A shape, perhaps of a group.
+    fn shape_of(&mut self, props: Props<'a>, in_group: bool) -> Result<()> {
         // A shape that others refer to is read again each time.
         let props = Props::new(self.tree, props.index);
         match props.plugin() {
             // As in Mitsuba.
-            "shapegroup" | "instance" if instance.is_some() => {
+            "shapegroup" | "instance" if in_group => {
                 return Err(props.error(format!("a shapegroup cannot hold another {}", props.plugin())));
             }
             // Shows only where there are instances of it.
@@ -123,21 +135,27 @@ impl<'a> Loader<'a> {
                 return props.finish();
             }
             "instance" => {
-                let to_world = props.to_world()?;
+                let to_world = props.invertible("to_world", props.to_world()?)?;
                 let (group, pos) = self.only_child(props)?;
                 if group.plugin() != "shapegroup" {
                     return Err(self.tree.error(pos, "an instance is one of a shapegroup"));
                 }
                 props.finish()?;
-                return self.nested(group, |loader| loader.placed_children(group, Some(to_world)));
+                let same = |known: &Props| known.index == group.index;
+                let index = self.groups.iter().position(same).unwrap_or(self.groups.len());
+                if index == self.groups.len() {
+                    self.groups.push(group);
+                }
+                self.instances.push((Instance::new(index as u32, to_world), props));
+                return Ok(());
             }
             "merge" => {
-                self.nested(props, |loader| loader.placed_children(props, instance))?;
+                self.nested(props, |loader| loader.shapes_of(props, in_group))?;
                 return props.finish();
             }
             _ => {}
         }
-        let job = self.geometry(props, instance.unwrap_or(DAffine3::IDENTITY))?;
+        let job = self.geometry(props)?;
         let index = self.jobs.len() as u32;
         let (mut material, mut light) = (None, None);
         props.refuse_media()?;
@@ -146,7 +164,7 @@ impl<'a> Loader<'a> {
             match child.object.tag.as_str() {
                 "bsdf" if material.is_some() => return Err(twice(pos, "bsdf")),
                 "bsdf" => material = Some(child),
-                "emitter" if instance.is_some() => {
+                "emitter" if in_group => {
                     return Err(self.tree.error(pos, "lights inside of a shapegroup are not supported"));
                 }
                 "emitter" if light.is_some() => return Err(twice(pos, "emitter")),
@@ -174,21 +192,20 @@ impl<'a> Loader<'a> {
         Ok(())
     }
 
-    /// The shapes inside of a group.
-    fn placed_children(&mut self, props: Props<'a>, instance: Option<DAffine3>) -> Result<()> {
+    /// The shapes inside of a group or merge.
+    fn shapes_of(&mut self, props: Props<'a>, in_group: bool) -> Result<()> {
         for (child, pos) in props.children()? {
-            // Groups may refer to shapes, and groups of groups to more than memory holds.
-            self.copies += 1;
-            if self.copies > MAX_COPIES {
-                let message =
-                    format!("groups and instances hold more than {MAX_COPIES} shapes: each is a copy");
+            // Merges may refer to shapes, and merges of merges to more than memory holds.
+            self.nested_shapes += 1;
+            if self.nested_shapes > MAX_NESTED {
+                let message = format!("groups and merges hold more than {MAX_NESTED} shapes");
                 return Err(self.tree.error(pos, message));
             }
             if child.object.tag != "shape" {
                 let message = format!("{} cannot hold a <{}>", props.title(), child.object.tag);
                 return Err(self.tree.error(pos, message));
             }
-            self.placed_shape(child, instance)?;
+            self.shape_of(child, in_group)?;
         }
         Ok(())
     }
@@ -212,9 +229,9 @@ impl<'a> Loader<'a> {
         })
     }
 
-    fn geometry(&mut self, props: Props<'a>, instance: DAffine3) -> Result<Job> {
-        let own = props.to_world()?;
-        let to_world = to_f32(props.invertible("to_world", instance * own)?);
+    fn geometry(&mut self, props: Props<'a>) -> Result<Job> {
+        let exact = props.invertible("to_world", props.to_world()?)?;
+        let to_world = to_f32(exact);
         let flip_normals = props.boolean("flip_normals", false)?;
         let fail = |message| props.error(message);
         let file = |loader: &mut Self, format| -> Result<Job> {
@@ -224,7 +241,7 @@ impl<'a> Loader<'a> {
                 place: loader.next_file(),
                 format,
                 path,
-                placement: Placement { to_world: own, instance, flip_normals, face_normals },
+                placement: Placement { to_world: exact, flip_normals, face_normals },
             })
         };
         let vec3 = |name, default: DVec3| -> Result<glam::Vec3> {
@@ -257,9 +274,7 @@ impl<'a> Loader<'a> {
             "disk" => Disk::new(to_world, flip_normals).map(|s| Job::Ready(Shape::Disk(s))).map_err(fail),
             "sphere" => {
                 let (center, radius) = (vec3("center", DVec3::ZERO)?, props.float("radius", 1.0)?);
-                // A mirror turns a sphere inside out, an instance does not.
-                let flip = flip_normals != (instance.matrix3.determinant() < 0.0);
-                let sphere = Sphere::new(center, radius, to_world, flip);
+                let sphere = Sphere::new(center, radius, to_world, flip_normals);
                 sphere.map(|s| Job::Ready(Shape::Sphere(s))).map_err(fail)
             }
             "cylinder" => {
