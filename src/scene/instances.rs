@@ -1,11 +1,11 @@
-//! Which instances are worth it: small groups are copied instead. Rays then need no second tree, photons know where flat
-//! surfaces end, and what overlaps is sorted by the builder.
+//! Which instances are worth it: small groups are copied instead. Photons then know where flat surfaces end, and what overlaps
+//! is sorted by the builder, without which rays that meet ten instances at once take twice the time.
 
 use crate::shape::{Geometry, Instance, Shape};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Copies of a group may hold so many primitives in all: some 30 MB.
+/// Copies of a group may hold so many primitives in all: some 50 MB.
 const MAX_COPIED: usize = 1 << 18;
 
 /// Puts copies in the place of instances where they are few or small, as far as a copy is a shape at all.
