@@ -89,7 +89,7 @@ fn refusals() {
     let broken = |name: &str, text: &str| {
         let file = dir.path().join(name);
         std::fs::write(&file, text).unwrap();
-        let kind = file.extension().unwrap().display();
+        let kind = file.extension().unwrap().to_string_lossy();
         format!(r#"<shape type="{kind}"><string name="filename" value="{}"/></shape>"#, file.display())
     };
     let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
