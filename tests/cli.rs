@@ -3,11 +3,11 @@
 mod common;
 
 use caustica::image_io::{self, Channels, Image, Layer, Metadata, SampleType};
-use common::program::{Dir, stderr, stdout};
+use common::program::{Dir, signal, stderr, stdout};
 use glam::Vec3;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 /// A square room seen through its missing wall, lit by a square in its ceiling; no caustics.
 const SCENE: &str = r#"<scene version="3.0.0">
@@ -320,8 +320,7 @@ fn interrupt_keeps_the_image() {
     if let Some(status) = child.try_wait().unwrap() {
         panic!("ended by itself: {status}");
     }
-    let id = child.id().to_string();
-    assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    signal(&child, "INT");
     let out = child.wait_with_output().unwrap();
     assert_eq!(out.status.code(), Some(130), "{}", stderr(&out));
     assert_eq!(dir.json("s.json")["interrupted"], true);

@@ -9,7 +9,7 @@ use caustica::integrator::{Budget, Kind, Layout, Options, Rendering, State};
 use caustica::math::{Sampler, Stream};
 use caustica::part_file::{self, Identity};
 use caustica::scene::Scene;
-use common::program::{Dir, stderr};
+use common::program::{Dir, signal, stderr};
 use common::{backends, params};
 use exr::prelude as ex;
 use std::fs;
@@ -315,8 +315,7 @@ fn terminated_and_resumed() {
     let child = dir.command(args).stderr(Stdio::piped()).spawn().unwrap();
     std::thread::sleep(Duration::from_secs(1));
     for _ in 0..2 {
-        let id = child.id().to_string();
-        assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
+        signal(&child, "TERM");
     }
     let out = child.wait_with_output().unwrap();
     assert_eq!(out.status.code(), Some(130), "{}", stderr(&out));

@@ -26,6 +26,9 @@ type Mask = u64;
 const LANES: usize = 8;
 /// Up to here, the nearest are kept sorted by insertion.
 const SMALL_K: usize = 8;
+/// By how much distance² a search starts from more than the last one needed. Points are then found near enough at the
+/// first attempt in 9 of 10 searches of a render.
+const MARGIN: f32 = 1.4;
 /// Subtrees of fewer points are built by one thread.
 const SEQUENTIAL: usize = 8192;
 /// No tree is deeper: slots are `u32`.
@@ -148,8 +151,8 @@ impl KdTree {
         self.nearest_filtered(p, r_max, heap, |_, _| true);
     }
 
-    /// Like [`KdTree::nearest`] among the points that `accept(slot, distance²)`. It is asked once at most for each
-    /// point, and only for points that are among the k nearest as far as known by then.
+    /// Like [`KdTree::nearest`] among the points that `accept(slot, distance²)`. It is asked only for points that are among
+    /// the k nearest as far as known by then.
     pub fn nearest_filtered(
         &self,
         p: Vec3,
@@ -157,11 +160,16 @@ impl KdTree {
         heap: &mut KnnHeap,
         mut accept: impl FnMut(u32, f32) -> bool,
     ) {
-        heap.clear(below(r_max));
         if heap.k == 0 {
             return;
         }
+        let farthest = below(r_max);
+        heap.clear(heap.enough.min(farthest));
         self.traverse(p, heap.bound, |first, mask, d2| heap.add(first, mask, d2, &mut accept));
+        if heap.len < heap.k && heap.enough < farthest {
+            heap.clear(farthest);
+            self.traverse(p, heap.bound, |first, mask, d2| heap.add(first, mask, d2, &mut accept));
+        }
         heap.finish();
     }
 
@@ -307,13 +315,24 @@ pub struct KnnHeap {
     bound: f32,
     /// The number of candidates at which to look for a better bound.
     full: usize,
+    /// Where a search starts from: what bound would have been enough for the last one, and some more, for queries mostly
+    /// follow each other closely. It changes no result, nor its order.
+    enough: f32,
 }
 
 impl KnnHeap {
     /// For the `k` nearest.
     pub fn new(k: usize) -> KnnHeap {
         let room = (3 * k + 2 * LEAF).next_multiple_of(LANES);
-        KnnHeap { k, d2: vec![0.0; room], slots: vec![0; room], len: 0, bound: 0.0, full: 0 }
+        KnnHeap {
+            k,
+            d2: vec![0.0; room],
+            slots: vec![0; room],
+            len: 0,
+            bound: 0.0,
+            full: 0,
+            enough: f32::INFINITY,
+        }
     }
 
     /// How many were found.
@@ -438,6 +457,9 @@ impl KnnHeap {
     fn finish(&mut self) {
         if self.len > self.k {
             self.select();
+        }
+        if self.k > SMALL_K {
+            self.enough = if self.is_full() { MARGIN * self.max_dist2() } else { f32::INFINITY };
         }
     }
 
@@ -689,6 +711,23 @@ mod tests {
         for (i, k) in [1, 7, 50, 500, 40_000].into_iter().enumerate() {
             check(&points, points[i] + Vec3::new(0.0, 0.3, i as f32), k, f32::INFINITY);
             check(&points, points[i], k, 3.0);
+        }
+    }
+
+    /// Not even in order, on which sums of floats depend, and threads have searched elsewhere before.
+    #[test]
+    fn searches_do_not_depend_on_earlier_ones() {
+        let points = many(50_000);
+        let (tree, _) = KdTree::build(&points);
+        let mut used = KnnHeap::new(30);
+        for i in 0..2000 {
+            // Close by mostly, at times far off, or where there is nothing.
+            let p = points[i / 50] * [1.0, 1.0, 1.0, 3.0][i % 4] + Vec3::new(0.1, 0.7 * (i % 7) as f32, 0.3);
+            let r = [f32::INFINITY, 8.0, 2.0][i % 3];
+            let mut fresh = KnnHeap::new(30);
+            tree.nearest(p, r, &mut fresh);
+            tree.nearest(p, r, &mut used);
+            assert!(used.iter().eq(fresh.iter()), "{p} {r}");
         }
     }
 

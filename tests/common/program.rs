@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 
 /// A directory that is removed in the end. Test files add what they put into it.
 pub(crate) struct Dir(tempfile::TempDir);
@@ -65,6 +65,12 @@ impl Dir {
     pub(crate) fn json(&self, name: &str) -> serde_json::Value {
         serde_json::from_slice(&fs::read(self.path(name)).unwrap()).unwrap()
     }
+}
+
+/// Sends a signal, by the shell: not every system has a program for it.
+pub(crate) fn signal(child: &Child, name: &str) {
+    let kill = format!("kill -{name} {}", child.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
 }
 
 pub(crate) fn stdout(out: &Output) -> String {
