@@ -10,7 +10,7 @@ use common::{backends, load, mean_and_error, parse, shared};
 
 /// The share of emitted caustic photons whose first hit is sharp.
 fn share(scene: &Scene) -> f64 {
-    let guide = Guide::learn(scene, 8);
+    let guide = Guide::learn(scene, 1 << 14, 8);
     const N: u64 = 1 << 16;
     let aimed = (0..N).filter(|&index| {
         let mut sampler = Sampler::new(1, Stream::CausticPhotons, 0, index);
@@ -158,7 +158,7 @@ fn aiming_does_not_change_the_mean() {
     ];
     for light in lights {
         let mut scene = room(light);
-        let guide = Guide::learn(&scene, 8);
+        let guide = Guide::learn(&scene, 1 << 14, 8);
         assert!(guide.is_some());
         let passes = |scene: &Scene, guide: Option<&Guide>, count| {
             (0..24).map(|pass| brought(scene, guide, pass, count)).collect::<Vec<_>>()

@@ -56,7 +56,7 @@ fn caustic(scene: &Scene, guide: Option<&Guide>, count: u64, pass: u32) -> Vec<f
 #[test]
 fn visible_caustics_get_the_photons() {
     let scene = rooms();
-    let guide = Guide::learn(&scene, 16);
+    let guide = Guide::learn(&scene, 1 << 14, 16);
     let of_light = |light: u32| {
         let drawn = |index| {
             let mut sampler = Sampler::new(1, Stream::CausticPhotons, 0, index);
@@ -89,7 +89,7 @@ fn visible_caustics_get_the_photons() {
 fn sharing_is_unbiased() {
     const T: f64 = 3.515;
     let scene = rooms();
-    let guide = Guide::learn(&scene, 16);
+    let guide = Guide::learn(&scene, 1 << 14, 16);
     let mean = |guide: Option<&Guide>, count| {
         let totals: Vec<f64> = (0..24).map(|pass| caustic(&scene, guide, count, pass).iter().sum()).collect();
         mean_and_error(&totals)

@@ -16,10 +16,13 @@ const FEW: u64 = 8;
 /// pixels, but at most so many for one.
 const SEARCH: [u64; 2] = [1, 16];
 /// Fewest and most camera samples of a pixel that these leave in doubt.
-const MANY: [u64; 2] = [64, 512];
-/// Of these, those for each unit of the relative variance of emitted light.
-const PER_VARIANCE: f64 = 64.0;
-/// A variance of the mean, relative to its square, that leaves a pixel in doubt.
+const MORE: [u64; 2] = [16, 512];
+/// Of these, those for a standard deviation of emitted light that is as great as its mean. In proportion to it they leave the
+/// least variance over all pixels (Neyman 1934).
+const PER_DEVIATION: f64 = 96.0;
+/// Fewest where emitted light changes from one pixel to the next.
+const AT_LIGHT: u64 = 64;
+/// A variance of the mean, relative to its square, that leaves a pixel's features in doubt.
 const DOUBT: f32 = 1e-3;
 /// Keeps 0/0 from being no number.
 const TINY: Rgb = Rgb::splat(f32::MIN_POSITIVE);
@@ -95,7 +98,7 @@ pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guid
     looks.par_iter_mut().enumerate().filter(|(_, look)| look.is_smooth).for_each_init(
         scratch,
         |scratch, (pixel, look)| {
-            let first = FEW + MANY[1];
+            let first = FEW + MORE[1];
             for index in first..first + more {
                 look.lamps.add(&see(pixel, index, scratch, &mut look.rays));
             }
@@ -116,15 +119,17 @@ pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guid
         let variance = lamps.relative_variance().unwrap_or_else(|| {
             beside().filter_map(|(_, other)| other.lamps.relative_variance()).fold(0.0, f64::max)
         });
-        let wanted = (PER_VARIANCE * variance) as u64;
-        let is_doubtful = is_doubtful
-            || wanted > MANY[0]
-            || beside().any(|(shares_edge, other)| shares_edge && differ(&guide, &other.guide));
-        if !is_doubtful {
+        let wanted = (PER_DEVIATION * variance.sqrt()) as u64;
+        let borders = |how: fn(&Guide, &Guide) -> bool| {
+            beside().any(|(shares_edge, other)| shares_edge && how(&guide, &other.guide))
+        };
+        let at_light = borders(lights_differ);
+        if !(is_doubtful || at_light || wanted > FEW || borders(features_differ)) {
             return (guide, rays);
         }
         // Others than have decided.
-        let samples = FEW..FEW + wanted.clamp(MANY[0], MANY[1]);
+        let fewest = if at_light { AT_LIGHT } else { MORE[0] };
+        let samples = FEW..FEW + wanted.clamp(fewest, MORE[1]);
         let samples = samples.map(|index| see(pixel, index, scratch, &mut rays));
         (Guide::new(samples.map(|seen| (seen.features, seen.emitted))), rays)
     };
@@ -133,22 +138,28 @@ pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guid
     (guides, rays.iter().sum())
 }
 
-/// Whether samples with the means `guide` leave a pixel in doubt.
+/// Whether samples with the means `guide` leave a pixel's features in doubt.
 fn is_doubtful(samples: &[Seen], guide: &Guide) -> bool {
     let variance = |of: fn(&Seen) -> Vec3, mean: Vec3| {
         let sum: Vec3 = samples.iter().map(|s| (of(s) - mean) * (of(s) - mean)).sum();
         sum / (samples.len() * samples.len()) as f32
     };
-    let (emitted, albedo, normal) = (guide.emitted, guide.features.albedo, guide.features.normal);
-    (variance(|s| s.emitted, emitted) / (emitted * emitted).max(TINY)).max_element() > DOUBT
-        || (variance(|s| s.features.albedo, albedo) / (albedo * albedo + 0.01)).max_element() > DOUBT
+    let (albedo, normal) = (guide.features.albedo, guide.features.normal);
+    (variance(|s| s.features.albedo, albedo) / (albedo * albedo + 0.01)).max_element() > DOUBT
         || variance(|s| s.features.normal, normal).max_element() > DOUBT
 }
 
-/// Whether an edge runs between two pixels that share one.
-fn differ(a: &Guide, b: &Guide) -> bool {
-    let relative = |a: Rgb, b: Rgb| ((a - b).abs() / (a.abs() + b.abs()).max(TINY)).max_element();
-    relative(a.emitted, b.emitted) > 0.3
-        || relative(a.features.albedo, b.features.albedo) > 0.3
+/// Whether light ends between two pixels that share an edge.
+fn lights_differ(a: &Guide, b: &Guide) -> bool {
+    contrast(a.emitted, b.emitted) > 0.3
+}
+
+/// Whether a surface does.
+fn features_differ(a: &Guide, b: &Guide) -> bool {
+    contrast(a.features.albedo, b.features.albedo) > 0.3
         || a.features.normal.distance_squared(b.features.normal) > 0.25
+}
+
+fn contrast(a: Rgb, b: Rgb) -> f32 {
+    ((a - b).abs() / (a.abs() + b.abs()).max(TINY)).max_element()
 }

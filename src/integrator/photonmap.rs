@@ -269,6 +269,10 @@ impl Eye<'_> {
             let wo = s.frame.to_local(-walk.ray.d);
             let here = self.collect(&walk, &s, wo, sampler, scratch, rays);
             sum.iter_mut().zip(here).for_each(|(sum, here)| *sum += here);
+            if !self.looks_further(&s) {
+                next = None;
+                continue;
+            }
             next = match s.bsdf.split(wo, Mode::Radiance) {
                 Some([a, b]) if walk.delta && walk.shown(walk.beta * a.weight.min(b.weight)) >= DIMMEST => {
                     pending.extend(self.scatter(&walk, &s, wo, &a, sampler));
@@ -281,6 +285,11 @@ impl Eye<'_> {
             };
         }
         sum
+    }
+
+    /// Whether a path may find anything behind `s`: by sharp lobes always.
+    fn looks_further(&self, s: &Surface) -> bool {
+        self.maps.gathers() || self.params.direct != DirectLight::Off || s.bsdf.diffuse_only().is_none()
     }
 
     /// Light that broad lobes send along the path from the surface where it has arrived, wide and fine.

@@ -71,7 +71,7 @@ impl Plan {
     /// Sends a few photons ahead. What they find depends on the scene alone, so all passes go by the same.
     pub(super) fn learn(&mut self, scene: &Scene, params: &Params) {
         if self.caustic_photons > 0 {
-            self.guide = Guide::learn(scene, params.longest_flight());
+            self.guide = Guide::learn(scene, self.caustic_photons, params.longest_flight());
             if self.guide.is_none() && params.skip && params.caustic_photons == 0 {
                 // None found a caster, so few are worth sending after them. Not none: that would prove nothing.
                 self.caustic_photons = self.caustic_photons.div_ceil(16);

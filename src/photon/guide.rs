@@ -21,8 +21,10 @@ use rayon::prelude::*;
 const AXES: usize = 5;
 /// The share of photons that are emitted as if nothing had been learnt.
 const UNIFORM: f32 = 0.05;
-/// Rounds of photons sent ahead; each draws by what the one before has learnt.
-const ROUNDS: [u64; 3] = [1 << 13, 1 << 14, 1 << 15];
+/// Rounds of photons sent ahead; each draws by what the one before has learnt, and sends twice as many.
+const ROUNDS: u64 = 3;
+/// The first one's: one of so many of a pass, but no fewer nor more than that.
+const FIRST: (u64, [u64; 2]) = (4, [1 << 12, 1 << 13]);
 /// How much what the camera sees decides; the rest is for what it may have overlooked.
 const SEEN: f32 = 0.75;
 /// Nodes of fewer photons are not divided.
@@ -112,12 +114,15 @@ struct Pilot {
 }
 
 impl Guide {
-    /// Learns where caustics come from and which are seen. `None` if no photon found anything sharp. The same for any
-    /// number of threads.
-    pub fn learn(scene: &Scene, max_depth: u32) -> Option<Guide> {
+    /// Learns for passes of `photons` where caustics come from and which are seen. `None` if no photon found anything sharp.
+    /// The same for any number of threads.
+    pub fn learn(scene: &Scene, photons: u64, max_depth: u32) -> Option<Guide> {
         let importance = Importance::new(scene);
         let mut guide: Option<Guide> = None;
-        for (round, count) in ROUNDS.into_iter().enumerate() {
+        let (share, [fewest, most]) = FIRST;
+        let first = (photons / share).clamp(fewest, most);
+        for round in 0..ROUNDS {
+            let count = first << round;
             let emission =
                 Emission { guide: guide.as_ref(), ..Emission::new(Store::Caustic, count, max_depth) };
             let sent: Vec<Sent> = (0..count)
@@ -125,7 +130,7 @@ impl Guide {
                 .map_init(
                     || KnnHeap::new(Importance::K),
                     |heap, index| {
-                        let mut sampler = Sampler::new(0, Stream::Pilots, round as u64, index);
+                        let mut sampler = Sampler::new(0, Stream::Pilots, round, index);
                         Sent::new(scene, &mut sampler, &emission, &importance, heap)
                     },
                 )
