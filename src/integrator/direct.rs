@@ -19,23 +19,25 @@ pub(super) fn power_heuristic(a: f32, b: f32) -> f32 {
     }
 }
 
-/// A light sample that reaches the surface, and how it is weighted against BSDF sampling.
+/// A light sample that reaches the surface, and how it is weighted against the other strategy.
 pub(super) struct Lit {
     /// Direction to the light, local.
     pub(super) wi: Vec3,
-    /// Light over pdf, times the weight against BSDF sampling, times nothing of the BSDF.
+    /// Light over pdf, times the weight against the other strategy, times nothing of the BSDF.
     pub(super) light: Rgb,
     /// f·|cosθ_i| of all non-delta lobes.
     pub(super) f: Rgb,
 }
 
-/// Samples one light from `s`, and tests whether it is seen. `rays` counts the shadow ray.
+/// Samples one light from `s`, and tests whether it is seen. The other strategy takes a local direction with the density
+/// `other_pdf_w`. `rays` counts the shadow ray.
 pub(super) fn sample_light(
     scene: &Scene,
     s: &Surface,
     wo: Vec3,
     sampler: &mut Sampler,
     rays: &mut u64,
+    other_pdf_w: impl Fn(Vec3) -> f32,
 ) -> Option<Lit> {
     let (u_light, u) = (sampler.next_1d(), sampler.next_2d());
     let light = scene.lights.sample_direct(&scene.geometry, &scene.textures, s.p, u_light, u)?;
@@ -53,8 +55,7 @@ pub(super) fn sample_light(
     if scene.occluded(&ray) {
         return None;
     }
-    let mis =
-        if light.delta { 1.0 } else { power_heuristic(light.pdf_w, s.bsdf.pdf_w(wo, wi, Mode::Radiance)) };
+    let mis = if light.delta { 1.0 } else { power_heuristic(light.pdf_w, other_pdf_w(wi)) };
     Some(Lit { wi, light: light.weight * mis, f })
 }
 

@@ -38,6 +38,8 @@ pub struct Params {
     pub regression: bool,
     /// `irradiance_cache`: gather rays may find irradiance that was estimated ahead, where that saves time (default).
     pub irradiance_cache: bool,
+    /// `guided_gather`: gather rays go to where photons came from, too (true).
+    pub guided_gather: bool,
     /// `direct`: direct light is taken by `sample` (default), from the `map`, or is `off`.
     pub direct: DirectLight,
     /// `alpha`: how fast the lookup radius shrinks from pass to pass, in (0, 1] where 1 keeps it (2/3).
@@ -66,6 +68,7 @@ impl Default for Params {
             final_gather: true,
             regression: true,
             irradiance_cache: true,
+            guided_gather: true,
             direct: DirectLight::Sample,
             alpha: 2.0 / 3.0,
             max_depth: -1,
@@ -123,6 +126,7 @@ impl Params {
             "final_gather" => self.final_gather = boolean(name, value)?,
             "regression" => self.regression = boolean(name, value)?,
             "irradiance_cache" => self.irradiance_cache = boolean(name, value)?,
+            "guided_gather" => self.guided_gather = boolean(name, value)?,
             "direct" => {
                 self.direct = match value.trim() {
                     "sample" => DirectLight::Sample,
@@ -148,8 +152,8 @@ impl Params {
             _ => {
                 return Err(Error::Usage(format!(
                     "unknown parameter '{name}': known are global_photons, caustic_photons, global_k, caustic_k, \
-                     global_radius, caustic_radius, kernel, final_gather, regression, irradiance_cache, direct, \
-                     alpha, max_depth, rr_depth, hide_emitters"
+                     global_radius, caustic_radius, kernel, final_gather, regression, irradiance_cache, \
+                     guided_gather, direct, alpha, max_depth, rr_depth, hide_emitters"
                 )));
             }
         }
@@ -169,6 +173,7 @@ impl Params {
             final_gather,
             regression,
             irradiance_cache,
+            guided_gather,
             direct,
             alpha,
             max_depth,
@@ -187,6 +192,7 @@ impl Params {
             ("final_gather", final_gather.to_string()),
             ("regression", regression.to_string()),
             ("irradiance_cache", irradiance_cache.to_string()),
+            ("guided_gather", guided_gather.to_string()),
             ("direct", format!("{direct:?}").to_lowercase()),
             ("alpha", alpha.to_string()),
             ("max_depth", max_depth.to_string()),
@@ -224,6 +230,7 @@ mod tests {
             final_gather: false,
             regression: false,
             irradiance_cache: false,
+            guided_gather: false,
             direct: DirectLight::Off,
             alpha: 1.0 / 3.0,
             max_depth: 7,

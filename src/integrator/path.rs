@@ -93,7 +93,9 @@ pub(super) fn radiance(
 
         let wo = s.frame.to_local(-ray.d);
         if s.bsdf.has_smooth() {
-            if let Some(lit) = direct::sample_light(scene, &s, wo, sampler, rays) {
+            if let Some(lit) =
+                direct::sample_light(scene, &s, wo, sampler, rays, |wi| s.bsdf.pdf_w(wo, wi, Mode::Radiance))
+            {
                 let broad = |share| match s.bsdf.has_rough() {
                     true => s.bsdf.eval(wo, lit.wi, Mode::Radiance, share),
                     false => lit.f,

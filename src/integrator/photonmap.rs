@@ -7,7 +7,8 @@ use crate::bsdf::{BsdfSample, Mode, Share};
 use crate::math::{Ray, Rgb, Sampler, luminance};
 use crate::photon::kdtree::KnnHeap;
 use crate::photon::{
-    Emission, Estimator, Irradiance, Levels, Photon, PhotonMap, Photons, Splat, Splatter, Store, trace,
+    Emission, Estimator, Incident, Irradiance, Levels, Photon, PhotonMap, Photons, Splat, Splatter, Store,
+    trace,
 };
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
@@ -138,6 +139,8 @@ pub(super) struct Scratch {
     nearest: KnnHeap,
     global: KnnHeap,
     caustic: KnnHeap,
+    /// Where indirect light comes from at the vertex where the path is, as far as it is used.
+    incident: Incident,
 }
 
 impl Scratch {
@@ -147,6 +150,7 @@ impl Scratch {
             nearest: KnnHeap::new(1),
             global: heap(|maps| maps.global_estimator.k),
             caustic: heap(|maps| maps.caustic_estimator.k),
+            incident: Incident::default(),
         }
     }
 }
@@ -278,9 +282,7 @@ impl Eye<'_> {
                     pending.extend(self.scatter(&walk, &s, wo, &a, sampler));
                     self.scatter(&walk, &s, wo, &b, sampler)
                 }
-                _ => s
-                    .bsdf
-                    .sample(wo, sampler.next_1d(), sampler.next_2d(), Mode::Radiance)
+                _ => sample(&s, wo, &scratch.incident, sampler)
                     .and_then(|sample| self.scatter(&walk, &s, wo, &sample, sampler)),
             };
         }
@@ -302,6 +304,7 @@ impl Eye<'_> {
         scratch: &mut Scratch,
         rays: &mut u64,
     ) -> [Parts; 2] {
+        scratch.incident.clear();
         if !s.bsdf.has_smooth() {
             return [Parts::default(); 2];
         }
@@ -312,6 +315,14 @@ impl Eye<'_> {
             indirect.fine = self.maps.gather(s, &walk.ray, segments_left, scratch);
         } else {
             (caustic, indirect) = self.maps.seen(self.params, s, -walk.ray.d, segments_left, scratch);
+            if self.params.guided_gather
+                && self.maps.gathers()
+                && s.bsdf.scatters_on(wo)
+                && s.bsdf.diffuse_only().is_some()
+            {
+                let what = Maps::indirect(self.params, segments_left);
+                scratch.incident.fill(&self.maps.global, &scratch.global, what);
+            }
             if walk.depth == 1 {
                 // The splats show it.
                 caustic.fine = Rgb::ZERO;
@@ -323,7 +334,8 @@ impl Eye<'_> {
             // The map shows by broad lobes what it shows; sharp ones are too narrow for it.
             let sharp_only = self.params.direct == DirectLight::Map;
             if self.params.direct == DirectLight::Sample || (sharp_only && s.bsdf.has_rough()) {
-                if let Some(lit) = direct::sample_light(self.scene, s, wo, sampler, rays) {
+                let other_pdf_w = |wi| pdf_w(s, wo, wi, &scratch.incident);
+                if let Some(lit) = direct::sample_light(self.scene, s, wo, sampler, rays, other_pdf_w) {
                     let shown = match sharp_only {
                         true => s.bsdf.eval(wo, lit.wi, Mode::Radiance, Share::BroadEye),
                         false => Rgb::ZERO,
@@ -409,6 +421,37 @@ impl Eye<'_> {
     }
 }
 
+/// Density of the direction `wi` (local) of [`sample`].
+fn pdf_w(s: &Surface, wo: Vec3, wi: Vec3, incident: &Incident) -> f32 {
+    let by_bsdf = s.bsdf.pdf_w(wo, wi, Mode::Radiance);
+    match incident.share() {
+        0.0 => by_bsdf,
+        share => (1.0 - share) * by_bsdf + share * incident.pdf_w(s.frame.to_world(wi)),
+    }
+}
+
+/// Samples where a path goes from `s`: by the BSDF, or to where light comes from as far as that is known.
+fn sample(s: &Surface, wo: Vec3, incident: &Incident, sampler: &mut Sampler) -> Option<BsdfSample> {
+    let (u, u_dir) = (sampler.next_1d(), sampler.next_2d());
+    let share = incident.share();
+    if u < share {
+        let wi = s.frame.to_local(incident.sample(u / share, u_dir));
+        let f = s.bsdf.eval(wo, wi, Mode::Radiance, Share::All);
+        let pdf_w = pdf_w(s, wo, wi, incident);
+        let sample = BsdfSample { wi, weight: f / pdf_w, pdf_w, delta: false, eta: 1.0 };
+        return (f.max_element() > 0.0 && pdf_w > 0.0).then_some(sample);
+    }
+    let mut sample = s.bsdf.sample(wo, (u - share) / (1.0 - share), u_dir, Mode::Radiance)?;
+    if share > 0.0 && !sample.delta {
+        let pdf_w = pdf_w(s, wo, sample.wi, incident);
+        sample.weight *= sample.pdf_w / pdf_w;
+        sample.pdf_w = pdf_w;
+    } else {
+        sample.weight /= 1.0 - share;
+    }
+    Some(sample)
+}
+
 impl Maps {
     /// Whether rays that leave by broad lobes find anything in the global map.
     fn gathers(&self) -> bool {
@@ -433,6 +476,12 @@ impl Maps {
         self.global_estimator.radiance(&self.global, s, wo, Share::BroadLight, what, false, heap).wide
     }
 
+    /// The photons that show indirect light where the eye sees it.
+    fn indirect(params: &Params, max_depth: u32) -> Photons {
+        let direct = params.direct == DirectLight::Map;
+        Photons { depths: (if direct { 1 } else { 2 }, max_depth), caustics: false }
+    }
+
     /// What the caustic map and the global map show at a vertex that the eye sees.
     fn seen(
         &self,
@@ -445,8 +494,7 @@ impl Maps {
         let share = Share::BroadEye;
         // At depth 1 there are only beams.
         let caustics = Photons { depths: (1, max_depth), caustics: true };
-        let direct = params.direct == DirectLight::Map;
-        let others = Photons { depths: (if direct { 1 } else { 2 }, max_depth), caustics: false };
+        let others = Maps::indirect(params, max_depth);
         let (global, caustic) = (&self.global_estimator, &self.caustic_estimator);
         (
             caustic.radiance(&self.caustic, s, wo, share, caustics, true, &mut scratch.caustic),

@@ -115,6 +115,14 @@ pub struct Photons {
     pub caustics: bool,
 }
 
+impl Photons {
+    /// Whether the photon in `slot` is one of them.
+    pub(super) fn hold(self, map: &PhotonMap, slot: u32) -> bool {
+        let (fewest, most) = self.depths;
+        (fewest..=most).contains(&map.depth(slot)) && (self.caustics || !map.is_caustic(slot))
+    }
+}
+
 /// The radius of the fine level of an estimate, as a share of the wide one's.
 const FINE: f32 = 0.5;
 
@@ -267,8 +275,7 @@ impl Estimator {
             if d2 > r2 {
                 continue;
             }
-            let depth = map.depth(slot);
-            if depth < what.depths.0 || depth > what.depths.1 || (!what.caustics && map.is_caustic(slot)) {
+            if !what.hold(map, slot) {
                 continue;
             }
             if own.is_some_and(|facet| !facet.contains(facet.project(map.tree().position(slot)))) {

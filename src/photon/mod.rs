@@ -4,6 +4,7 @@
 mod estimate;
 mod guide;
 mod importance;
+mod incident;
 mod irradiance;
 pub mod kdtree;
 mod map;
@@ -13,6 +14,7 @@ mod trace;
 
 pub use estimate::{Estimator, Kernel, Levels, Photons, Place, Site};
 pub use guide::Guide;
+pub use incident::Incident;
 pub use irradiance::Irradiance;
 pub use map::{Packed, Photon, PhotonMap};
 pub use splat::{Splat, Splatter};
