@@ -1,7 +1,8 @@
 //! What the camera sees of each pixel before any pass: lights themselves and the features that pixels are compared by,
 //! from camera paths without any light transport. They are cheap, so pixels with edges in them get many.
 
-use super::photonmap::{Eye, Maps, Scratch};
+use super::eye::Eye;
+use super::maps::{Maps, Scratch};
 use super::plan::Plan;
 use super::{DirectLight, Options, Params, Seen};
 use crate::film::Guide;

@@ -1,11 +1,12 @@
 //! Integrators: a render is a sum of independent passes, and pass i depends only on (scene, seed, i).
 
 mod direct;
+mod eye;
 mod guides;
+mod maps;
 mod params;
 mod parts;
 mod path;
-mod photonmap;
 mod plan;
 mod state;
 
@@ -87,7 +88,7 @@ pub struct PhotonRecord {
 pub fn photon_records(scene: &Scene, options: &Options) -> Vec<PhotonRecord> {
     let mut plan = Plan::new(scene, options);
     plan.learn(scene, &options.params);
-    photonmap::photons(scene, &options.params, &plan, options.seed)
+    maps::photons(scene, &options.params, &plan, options.seed)
         .into_iter()
         .map(|(photon, caustic)| PhotonRecord { p: photon.p, d: -photon.wi, flux: photon.flux, caustic })
         .collect()

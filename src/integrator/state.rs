@@ -1,7 +1,8 @@
 //! A render as far as it has come: the sums of a range of passes. It can be kept, taken up again, and merged with the
 //! next range.
 
-use super::photonmap::{Eye, Maps, Scratch};
+use super::eye::Eye;
+use super::maps::{Maps, Scratch};
 use super::plan::Plan;
 use super::{Budget, Kind, Options, Seen, guides, path};
 use crate::film::{self, Film, RelativeError, Values};
