@@ -141,9 +141,8 @@ mod tests {
         let map = PhotonMap::new(&(0..n).map(photon).collect::<Vec<_>>());
         let mut found = KnnHeap::new(n as usize);
         map.tree().nearest(Vec3::ZERO, 9.0, &mut found);
-        let mut incident = Incident::default();
         // What was there before must not matter.
-        incident.flux = [9.0; Incident::MOST];
+        let mut incident = Incident { flux: [9.0; Incident::MOST], ..Incident::default() };
         incident.fill(&map, &found, Photons { depths: (2, 9), caustics: false });
         incident
     }
