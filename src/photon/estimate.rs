@@ -348,7 +348,7 @@ mod tests {
     #[test]
     fn coverage_is_the_kernels_integral_over_the_facet() {
         let facets = floor();
-        let facet = facets.get(0, 0).unwrap();
+        let facet = facets.at(0, 0, Vec3::ZERO).unwrap();
         let mut rng = Sampler::new(3, Stream::Eye, 0, 0);
         for i in 0..60 {
             let p = loop {
@@ -384,7 +384,7 @@ mod tests {
     #[test]
     fn known_shares() {
         let facets = floor();
-        let facet = facets.get(0, 0).unwrap();
+        let facet = facets.at(0, 0, Vec3::ZERO).unwrap();
         for kernel in KERNELS {
             let share = |x, y, r| kernel.coverage(facet, facet.project(Vec3::new(x, y, 0.0)), r);
             assert_eq!(share(0.6, 0.6, 0.1), 1.0);

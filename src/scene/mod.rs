@@ -270,7 +270,7 @@ impl Scene {
             bsdf: material.bsdf(&self.textures, &site),
             light: self.shape_light[hit.shape as usize],
             shape: hit.shape,
-            facet: self.facets.get(hit.shape, hit.primitive),
+            facet: self.facets.at(hit.shape, hit.primitive, point.p),
             magnitude: point.magnitude,
         }
     }

@@ -2,6 +2,7 @@
 //! their edges must know where they end (Hey & Purgathofer 2002, "Advanced Radiance Estimation for Photon Map Global
 //! Illumination"). Curved surfaces have none: there is nothing to know.
 
+use super::parted::{self, Parting};
 use super::{Geometry, Mesh, Shape};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -27,6 +28,8 @@ pub struct Facet {
     s: Vec3,
     t: Vec3,
     edges: Vec<Edge>,
+    /// Smaller facets that it consists of.
+    pub(super) parting: Option<Parting>,
 }
 
 /// The facets of a scene, by shape and triangle.
@@ -57,12 +60,31 @@ impl Facet {
         self.edges.iter().filter(|[a, b]| crosses(p, *a, *b)).count() % 2 == 1
     }
 
-    fn normal(&self) -> Vec3 {
+    pub(super) fn normal(&self) -> Vec3 {
         self.s.cross(self.t)
     }
 
+    pub(super) fn origin(&self) -> Vec3 {
+        self.origin
+    }
+
+    /// Where a point of the plane lies in space.
+    pub(super) fn point(&self, p: Vec2) -> Vec3 {
+        self.origin + self.s * p.x + self.t * p.y
+    }
+
+    /// Another one in the same plane.
+    pub(super) fn with_edges(&self, edges: Vec<Edge>) -> Facet {
+        Facet { edges, parting: None, ..*self }
+    }
+
+    /// The greatest coordinate of all corners, which rounding goes with.
+    pub(super) fn corner_magnitude(&self) -> f32 {
+        self.corners().map(|p| p.abs().max_element()).fold(0.0, f32::max)
+    }
+
     fn corners(&self) -> impl Iterator<Item = Vec3> + '_ {
-        self.edges.iter().map(|[a, _]| self.origin + self.s * a.x + self.t * a.y)
+        self.edges.iter().map(|[a, _]| self.point(*a))
     }
 }
 
@@ -90,14 +112,24 @@ impl Facets {
         }
         if all.facets.len() <= MAX_CONTACTS {
             cut_contacts(&mut all.facets);
+            parted::part_all(&mut all.facets);
         }
         all
     }
 
-    /// The facet that a triangle of a shape belongs to.
-    pub fn get(&self, shape: u32, triangle: u32) -> Option<&Facet> {
+    /// The facet around `p`, a point of a triangle of a shape.
+    pub fn at(&self, shape: u32, triangle: u32, p: Vec3) -> Option<&Facet> {
         let of = self.of.get(shape as usize)?.get(triangle as usize)?;
-        self.facets.get(*of as usize)
+        let mut facet = self.facets.get(*of as usize)?;
+        while let Some(parting) = &facet.parting {
+            facet = &self.facets[parting.side(facet.project(p)) as usize];
+        }
+        Some(facet)
+    }
+
+    #[cfg(test)]
+    fn get(&self, shape: u32, triangle: u32) -> Option<&Facet> {
+        self.at(shape, triangle, Vec3::ZERO)
     }
 }
 
@@ -229,7 +261,7 @@ fn of_mesh(mesh: &Mesh) -> (Vec<Facet>, Vec<u32>) {
         }
         let [origin, ..] = mesh.vertices(seed as u32);
         let (s, t) = normal.as_vec3().any_orthonormal_pair();
-        let mut facet = Facet { origin, s, t, edges: Vec::with_capacity(ends.len()) };
+        let mut facet = Facet { origin, s, t, edges: Vec::with_capacity(ends.len()), parting: None };
         for &(triangle, k) in &ends {
             let v = mesh.vertices(triangle);
             facet.edges.push([v[k], v[(k + 1) % 3]].map(|p| facet.project(p)));
@@ -262,10 +294,7 @@ fn cut_contacts(facets: &mut [Facet]) {
                 && cover.corners().all(|p| floor.contains(floor.project(p)))
             {
                 // Facing the other way, it runs round its hole as a hole's edges do.
-                let edges = cover
-                    .edges
-                    .iter()
-                    .map(|edge| edge.map(|p| floor.project(cover.origin + cover.s * p.x + cover.t * p.y)));
+                let edges = cover.edges.iter().map(|edge| edge.map(|p| floor.project(cover.point(p))));
                 holes.push((i, edges.collect::<Vec<_>>()));
             }
         }

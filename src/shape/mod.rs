@@ -6,6 +6,7 @@ mod disk;
 mod facet;
 mod instance;
 mod mesh;
+mod parted;
 mod sample;
 mod sphere;
 
