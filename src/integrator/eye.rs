@@ -44,7 +44,7 @@ impl Walk {
 }
 
 /// The least throughput of a path that is followed beside another one from the same interface.
-const DIMMEST: f32 = 4e-3;
+const DIMMEST: f32 = 1e-3;
 
 /// Camera paths over the maps of one pass.
 pub(super) struct Eye<'a> {

@@ -78,12 +78,7 @@ impl Facet {
         Facet { edges, parting: None, ..*self }
     }
 
-    /// The greatest coordinate of all corners, which rounding goes with.
-    pub(super) fn corner_magnitude(&self) -> f32 {
-        self.corners().map(|p| p.abs().max_element()).fold(0.0, f32::max)
-    }
-
-    fn corners(&self) -> impl Iterator<Item = Vec3> + '_ {
+    pub(super) fn corners(&self) -> impl Iterator<Item = Vec3> + '_ {
         self.edges.iter().map(|[a, _]| self.point(*a))
     }
 }

@@ -2,8 +2,10 @@
 //! behind the wall may see none. So each is parted along the line where they meet. The line is taken to go on to the facet's
 //! edges; where the wall ends before, estimates near the line use the photons of one side only, which is as good, if noisier.
 
+use super::Bounds;
 use super::facet::{Edge, Facet};
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 /// A line must run along this share of a facet, lest every leg of a table part the floor.
 const SHARE: f32 = 0.25;
@@ -35,15 +37,31 @@ fn height([a, b]: Edge, p: Vec2) -> f32 {
 
 /// Parts all facets along the lines where others pass through them, or end on them.
 pub(super) fn part_all(facets: &mut Vec<Facet>) {
-    let count = facets.len();
-    for i in 0..count {
-        let lines: Vec<Edge> =
-            (0..count).filter(|&j| j != i).filter_map(|j| meeting(&facets[i], &facets[j])).collect();
+    let bounds: Vec<Bounds> = facets.iter().map(bounds).collect();
+    let near = |a: &Bounds, b: &Bounds| a.min.cmple(b.max).all() && b.min.cmple(a.max).all();
+    let lines = |i: usize| -> Vec<Edge> {
+        (0..facets.len())
+            .filter(|&j| j != i && near(&bounds[i], &bounds[j]))
+            .filter_map(|j| meeting(&facets[i], &facets[j]))
+            .collect()
+    };
+    let lines: Vec<Vec<Edge>> = (0..facets.len()).into_par_iter().map(lines).collect();
+    for (i, lines) in lines.into_iter().enumerate() {
         let mut parts = 1;
-        for line in lines {
-            part(facets, i, line, &mut parts);
-        }
+        lines.into_iter().for_each(|line| part(facets, i, line, &mut parts));
     }
+}
+
+/// Around a facet, and what rounding makes of it.
+fn bounds(facet: &Facet) -> Bounds {
+    let Bounds { min, max } = facet.corners().fold(Bounds::EMPTY, Bounds::grow);
+    let pad = Vec3::splat(rounding(facet));
+    Bounds { min: min - pad, max: max + pad }
+}
+
+/// By how much corners may be off.
+fn rounding(facet: &Facet) -> f32 {
+    8.0 * f32::EPSILON * facet.corners().map(|p| p.abs().max_element()).fold(0.0, f32::max)
 }
 
 fn part(facets: &mut Vec<Facet>, i: usize, line: Edge, parts: &mut usize) {
@@ -101,7 +119,7 @@ fn meeting(floor: &Facet, wall: &Facet) -> Option<Edge> {
     if normal.dot(wall.normal()).abs() > 0.99 {
         return None;
     }
-    let rounding = 8.0 * f32::EPSILON * wall.corner_magnitude().max(floor.corner_magnitude());
+    let rounding = rounding(wall).max(rounding(floor));
     let over = |p: Vec3| (p - floor.origin()).dot(normal);
     // Where the wall's outline meets the floor's plane.
     let mut met = Vec::new();
