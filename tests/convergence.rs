@@ -65,7 +65,8 @@ fn the_wanted_error_is_reached_within_a_factor_of_two() {
 
 /// From 16 to 1024 passes, less the reference's own error: relmse falls at least with the power of −2/3, but for the
 /// tolerance of 0.07 of a single run of each; no floor shows above 10⁻⁴. At all stages the estimated error is within a
-/// factor of two of the true one and the 90 % intervals hold 80 to 97 % of the values.
+/// factor of two of the true one and the 90 % intervals hold 80 to 97 % of the values; more than that only where the
+/// picture is better than its reference, whose own error, taken to be even, then decides.
 #[test]
 #[ignore = "ten minutes in release mode; CI runs it nightly"]
 fn error_falls_as_theory_says_and_is_known() {
@@ -93,7 +94,8 @@ fn error_falls_as_theory_says_and_is_known() {
                     100.0 * covered
                 );
                 println!("{line}");
-                if !(0.5..=2.0).contains(&ratio) || !(0.80..=0.97).contains(&covered) {
+                let most = if relmse - own < own { 1.0 } else { 0.97 };
+                if !(0.5..=2.0).contains(&ratio) || !(0.80..=most).contains(&covered) {
                     failed.push(line);
                 }
                 curve.push((progress.passes as f64, relmse - own));

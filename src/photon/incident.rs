@@ -75,9 +75,10 @@ impl Incident {
     fn concentrated(&self) -> f32 {
         let (mut near, mut all) = (0.0, 0.0);
         for i in 0..self.len.min(Self::PROBES) {
-            let own = self.flux[i];
-            near += own * (self.within(self.direction(i)) - own).max(0.0);
-            all += own * (self.total - own);
+            // Relative, for squares of flux may leave the range of numbers.
+            let own = self.flux[i] / self.total;
+            near += own * (self.within(self.direction(i)) / self.total - own).max(0.0);
+            all += own * (1.0 - own);
         }
         let everywhere = 4.0 / 3.0 * Self::WIDTH;
         if all > 0.0 { (near / all - everywhere).max(0.0).sqrt() } else { 0.0 }
