@@ -288,12 +288,11 @@ fn sample(s: &Surface, wo: Vec3, incident: &Incident, sampler: &mut Sampler) -> 
         return (f.max_element() > 0.0 && pdf_w > 0.0).then_some(sample);
     }
     let mut sample = s.bsdf.sample(wo, (u - share) / (1.0 - share), u_dir, Mode::Radiance)?;
-    if share > 0.0 && !sample.delta {
+    // Only diffuse surfaces know of any, so there is no delta lobe to weight.
+    if share > 0.0 {
         let pdf_w = pdf_w(s, wo, sample.wi, incident);
         sample.weight *= sample.pdf_w / pdf_w;
         sample.pdf_w = pdf_w;
-    } else {
-        sample.weight /= 1.0 - share;
     }
     Some(sample)
 }

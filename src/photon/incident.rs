@@ -34,7 +34,7 @@ impl Incident {
     const LANES: usize = 8;
     /// Fewer tell nothing.
     const FEWEST: usize = 4;
-    /// Of these so many are compared with all.
+    /// Photons that are compared with all others.
     const PROBES: usize = 4;
     /// 1 − cos of the cones' half-angle, 14°.
     const WIDTH: f32 = 0.03;

@@ -302,13 +302,13 @@ fn cut_contacts(facets: &mut [Facet]) {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::math::{Sampler, Stream};
     use crate::shape::Sphere;
     use glam::Affine3A;
 
-    fn facets(meshes: Vec<Mesh>) -> Facets {
+    pub(in crate::shape) fn facets(meshes: Vec<Mesh>) -> Facets {
         Facets::new(&Geometry::from(meshes.into_iter().map(Shape::Mesh).collect::<Vec<_>>()))
     }
 
@@ -318,7 +318,7 @@ mod tests {
     }
 
     /// Signed area of what the edges enclose.
-    fn area(facet: &Facet) -> f32 {
+    pub(in crate::shape) fn area(facet: &Facet) -> f32 {
         facet.edges().iter().map(|[a, b]| 0.5 * a.perp_dot(*b)).sum()
     }
 

@@ -161,16 +161,9 @@ fn size(facet: &Facet) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use crate::shape::{Facet, Facets, Geometry, Mesh, Shape};
+    use crate::shape::Mesh;
+    use crate::shape::facet::tests::{area, facets};
     use glam::{Affine3A, Vec3};
-
-    fn facets(meshes: Vec<Mesh>) -> Facets {
-        Facets::new(&Geometry::from(meshes.into_iter().map(Shape::Mesh).collect::<Vec<_>>()))
-    }
-
-    fn area(facet: &Facet) -> f32 {
-        facet.edges().iter().map(|[a, b]| 0.5 * a.perp_dot(*b)).sum()
-    }
 
     /// 4 by 4, facing +z.
     fn floor() -> Mesh {
