@@ -28,7 +28,7 @@ use xxhash_rust::xxh3::Xxh3;
 const MAGIC: [u8; 8] = *b"CAUSPART";
 
 /// Goes up whenever the sums or the header change their meaning.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 
 /// Generous: a header has about 1 KiB.
 const MAX_HEADER: u32 = 1 << 20;

@@ -147,10 +147,10 @@ impl FeatureSums {
     /// More than the rounding of what is added.
     const SCALE: f64 = (1 << 24) as f64;
 
-    fn add(&mut self, features: &Features) {
+    fn add(&mut self, features: &Features, weight: f32) {
         for (sum, value) in self.0.iter_mut().zip(bytemuck::cast::<Features, [f32; 9]>(*features)) {
             // A cast of NaN is zero. The limit keeps any number of passes from overflowing.
-            let fixed = (f64::from(value.clamp(-16.0, 16.0)) * Self::SCALE).round() as i64;
+            let fixed = (f64::from(value.clamp(-16.0, 16.0) * weight) * Self::SCALE).round() as i64;
             *sum = sum.wrapping_add(fixed);
         }
     }
@@ -176,6 +176,8 @@ pub struct Guide {
     count: f32,
     /// How many samples the emitted light is from.
     emitted_count: f32,
+    /// Camera samples that each pass is to take.
+    per_pass: u32,
 }
 
 impl Guide {
@@ -194,12 +196,18 @@ impl Guide {
             emitted: (emitted / n).as_vec3(),
             count: count as f32,
             emitted_count: count as f32,
+            per_pass: 1,
         }
     }
 
     /// The features alone. Light that has had a say in how many samples there are would be off in the mean.
     pub fn without_emitted(self) -> Guide {
         Guide { emitted_count: 0.0, ..self }
+    }
+
+    /// The same where each pass is to take so many camera samples.
+    pub fn with_samples(self, per_pass: u32) -> Guide {
+        Guide { per_pass, ..self }
     }
 }
 
@@ -304,6 +312,9 @@ impl Estimate {
     }
 }
 
+/// Most camera samples that a pass takes of a pixel, whatever a file says.
+const MOST_PER_PASS: u32 = 16;
+
 /// Half the width of the windows that statistics are smoothed over, in pixels.
 const WINDOW: usize = 2;
 
@@ -364,22 +375,26 @@ impl Film {
         2 * self.block() + self.layers
     }
 
-    /// Adds pass number `pass`. `pixel` fills in what it shows at a column and row, in parallel. `row` makes what
-    /// `pixel` may reuse along a row; all of these are returned, from the top.
+    /// Adds pass number `pass`. `pixel` fills in, in parallel, what a camera sample at a column and row shows; it is given the
+    /// sample's number among those that the half takes of the pixel. `row` makes what `pixel` may reuse along a row; all of
+    /// these are returned, from the top.
     pub fn add_pass<S: Send>(
         &mut self,
         pass: u32,
         row: impl Fn() -> S + Sync,
-        pixel: impl Fn(usize, usize, &mut S, &mut Values) + Sync,
+        pixel: impl Fn(usize, usize, u64, &mut S, &mut Values) + Sync,
     ) -> Vec<S> {
         let (levels, layers, stride, block) = (self.levels, self.layers, self.stride(), self.block());
         let half = half(pass) as usize;
+        let earlier = u64::from(pass / 2);
         self.passes[half] += 1;
+        let guides = &self.guides;
         let mut features: Vec<&mut [[FeatureSums; 2]]> = match self.features.is_empty() {
             true => (0..self.height).map(|_| Default::default()).collect(),
             false => self.features.chunks_exact_mut(self.width).collect(),
         };
-        let rows = self.sums.par_chunks_mut(self.width * stride).zip(features.par_iter_mut()).enumerate();
+        let width = self.width;
+        let rows = self.sums.par_chunks_mut(width * stride).zip(features.par_iter_mut()).enumerate();
         let rows = rows.map(|(y, (sums, features))| {
             let mut scratch = row();
             let mut values = Values {
@@ -389,13 +404,21 @@ impl Film {
                 layers: vec![Rgb::ZERO; layers],
             };
             for (x, sums) in sums.chunks_exact_mut(stride).enumerate() {
-                pixel(x, y, &mut scratch, &mut values);
-                let (halves, layers) = sums.split_at_mut(2 * block);
-                let picture = values.picture.iter().chain([&values.emitted]);
-                let picture = halves[half * block..].iter_mut().zip(picture);
-                picture.chain(layers.iter_mut().zip(&values.layers)).for_each(|(sum, &v)| sum.add(v));
-                if let Some(features) = features.get_mut(x) {
-                    features[half].add(&values.features);
+                let samples = guides
+                    .get(y * width + x)
+                    .map_or(1, |guide| u64::from(guide.per_pass.clamp(1, MOST_PER_PASS)));
+                let weight = 1.0 / samples as f32;
+                for index in earlier * samples..(earlier + 1) * samples {
+                    pixel(x, y, index, &mut scratch, &mut values);
+                    let (halves, layers) = sums.split_at_mut(2 * block);
+                    let picture = values.picture.iter().chain([&values.emitted]);
+                    let picture = halves[half * block..].iter_mut().zip(picture);
+                    picture
+                        .chain(layers.iter_mut().zip(&values.layers))
+                        .for_each(|(sum, &v)| sum.add(v * weight));
+                    if let Some(features) = features.get_mut(x) {
+                        features[half].add(&values.features, weight);
+                    }
                 }
             }
             scratch
@@ -776,7 +799,7 @@ mod tests {
             film.add_pass(
                 pass,
                 || (),
-                |x, y, (), out| {
+                |x, y, _, (), out| {
                     pixel(x, &mut random((pass as usize * 1200 + y * 40 + x) as u64), out);
                 },
             );
@@ -840,7 +863,7 @@ mod tests {
             film.add_pass(
                 pass,
                 || (),
-                |x, _, (), out| {
+                |x, _, _, (), out| {
                     out.picture[0] = Rgb::splat((x as u32 + pass) as f32);
                     out.layers[0] = Rgb::splat(pass as f32);
                 },
@@ -850,6 +873,27 @@ mod tests {
             assert_eq!(film.layer(0).pixels[3], Rgb::splat(pass as f32 / 2.0));
             assert_eq!(resolved.error.bias, 0.0);
             assert_eq!(resolved.error.noise > 0.0, pass > 0);
+        }
+    }
+
+    /// Where a pass takes several samples of a pixel, it shows their mean, and each half counts its own.
+    #[test]
+    fn a_pass_shows_the_mean_of_its_samples() {
+        let mut film = Film::new((4, 3), false, 1, true);
+        film.set_guides((0..12).map(|i| Guide::new([].into_iter()).with_samples(1 + i % 3)).collect());
+        for pass in 0..4 {
+            let show = |_, _, sample, (): &mut (), out: &mut Values| {
+                out.picture[0] = Rgb::splat(sample as f32);
+                out.layers[0] = Rgb::ONE;
+            };
+            film.add_pass(pass, || (), show);
+        }
+        for pixel in 0..12 {
+            // Both halves take the samples 0 to 2n - 1.
+            let n = f64::from(1 + pixel as u32 % 3);
+            let Estimate { value, noise } = film.estimate(pixel, 0);
+            assert!((value.x - (n - 0.5)).abs() < 1e-6 && noise == DVec3::ZERO, "{pixel}: {value} {noise}");
+            assert!((film.layer(0).pixels[pixel].x - 1.0).abs() < 1e-6);
         }
     }
 

@@ -25,6 +25,8 @@ const PER_DEVIATION: f64 = 96.0;
 const AT_LIGHT: u64 = 64;
 /// A variance of the mean, relative to its square, that leaves a pixel's features in doubt.
 const DOUBT: f32 = 1e-3;
+/// Camera samples of such a pixel in each pass: what features leave in doubt, the rest of the picture does, too.
+const AT_DOUBT: u32 = 2;
 /// Keeps 0/0 from being no number.
 const TINY: Rgb = Rgb::splat(f32::MIN_POSITIVE);
 
@@ -132,7 +134,8 @@ pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guid
         let fewest = if at_light { AT_LIGHT } else { MORE[0] };
         let samples = FEW..FEW + wanted.clamp(fewest, MORE[1]);
         let samples = samples.map(|index| see(pixel, index, scratch, &mut rays));
-        (Guide::new(samples.map(|seen| (seen.features, seen.emitted))), rays)
+        let guide = Guide::new(samples.map(|seen| (seen.features, seen.emitted)));
+        (guide.with_samples(if is_doubtful { AT_DOUBT } else { 1 }), rays)
     };
     let (guides, rays): (Vec<Guide>, Vec<u64>) =
         (0..width * height).into_par_iter().map_init(scratch, finish).unzip();

@@ -6,7 +6,7 @@ use glam::Vec2;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Stream {
-    /// Camera paths; `set` is the pixel and the half of the film, `index` counts the passes of the half.
+    /// Camera paths; `set` is the pixel and the half of the film, `index` counts the samples of the half.
     Eye = 1,
     /// Photon paths of the global map; `set` is the pass, `index` the photon.
     GlobalPhotons = 2,
