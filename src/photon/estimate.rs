@@ -2,6 +2,7 @@
 
 use super::PhotonMap;
 use super::kdtree::KnnHeap;
+use super::octahedral::Direction;
 use crate::bsdf::{Mode, Share};
 use crate::math::Rgb;
 use crate::scene::Surface;
@@ -304,10 +305,11 @@ impl Estimator {
 
     /// Finds the photons around a place that lie on the same surface; returns the square of the radius that holds them.
     fn nearest(&self, map: &PhotonMap, place: Place, heap: &mut KnnHeap) -> f32 {
+        let side = Direction::new(place.n_g);
         map.tree().nearest_filtered(place.p, self.r_max, heap, |slot, d2| {
             // Near the tangent plane, and on a surface that faces the same way: no leaks through thin walls or
             // around corners.
-            near_plane(place.n_g, map.tree().position(slot) - place.p, d2) && map.faces(slot, place.n_g, 0.7)
+            near_plane(place.n_g, map.tree().position(slot) - place.p, d2) && map.faces(slot, &side, 0.7)
         });
         if heap.is_full() { heap.max_dist2() } else { self.r_max * self.r_max }
     }

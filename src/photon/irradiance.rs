@@ -7,7 +7,7 @@
 use super::PhotonMap;
 use super::estimate::{Estimator, Photons, Site, near_plane};
 use super::kdtree::{KdTree, KnnHeap};
-use super::octahedral::{agrees8, encode8};
+use super::octahedral::{Direction, encode8};
 use crate::math::Rgb;
 use crate::scene::Surface;
 use glam::Vec3;
@@ -55,9 +55,10 @@ impl Irradiance {
     /// that one such point might light all of a corner. `heap` is for one neighbour.
     pub fn near(&self, s: &Surface, wo: Vec3, distance: f32, heap: &mut KnnHeap) -> Option<Rgb> {
         let n = Site::new(s, wo).n_g();
+        let side = Direction::new(n);
         self.tree.nearest_filtered(s.p, f32::INFINITY, heap, |slot, d2| {
             near_plane(n, self.tree.position(slot) - s.p, d2)
-                && agrees8(self.known[slot as usize].n_g, n, 0.9)
+                && side.agrees(self.known[slot as usize].n_g, 0.9)
         });
         let (slot, d2) = heap.iter().next()?;
         let known = &self.known[slot as usize];

@@ -1,7 +1,7 @@
 //! The photon map: records of 14 bytes in tree order beside the tree's positions, 28 bytes a photon in all.
 
 use super::kdtree::KdTree;
-use super::octahedral::{agrees8, decode8, decode16, encode8, encode16};
+use super::octahedral::{Direction, decode8, decode16, encode8, encode16};
 use crate::math::Rgb;
 use glam::Vec3;
 use rayon::prelude::*;
@@ -133,8 +133,8 @@ impl PhotonMap {
 
     /// Whether the geometric normal under the photon in `slot` makes an angle with `n` whose cosine exceeds `cos`, give or
     /// take a degree.
-    pub fn faces(&self, slot: u32, n: Vec3, cos: f32) -> bool {
-        agrees8(self.records[slot as usize].n_g, n, cos)
+    pub(super) fn faces(&self, slot: u32, n: &Direction, cos: f32) -> bool {
+        n.agrees(self.records[slot as usize].n_g, cos)
     }
 
     /// Flux of the photon in `slot`.
