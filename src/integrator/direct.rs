@@ -77,12 +77,14 @@ pub(super) fn first_hit<'a>(
     rays: &mut u64,
 ) -> Option<Surface<'a>> {
     loop {
-        let s = scene.hit(&ray)?;
-        if s.light.is_none() || !params.hide_emitters {
-            return Some(s);
+        let hit = scene.hit(&ray);
+        match &hit {
+            Some(s) if s.light.is_some() && params.hide_emitters => {
+                *rays += 1;
+                ray = Ray { t_max: ray.t_max - (s.p - ray.o).length(), ..s.spawn(ray.d) };
+            }
+            _ => return hit,
         }
-        *rays += 1;
-        ray = Ray { t_max: ray.t_max - (s.p - ray.o).length(), ..s.spawn(ray.d) };
     }
 }
 

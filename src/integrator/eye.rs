@@ -93,7 +93,8 @@ impl Eye<'_> {
                 1 => direct::first_hit(self.scene, self.params, walk.ray, rays),
                 _ => self.scene.hit(&walk.ray),
             };
-            let Some(s) = hit else {
+            // By reference: a surface is large.
+            let Some(s) = &hit else {
                 if !walk.known {
                     seen.add_background(walk.beta, &walk.ray, self.scene);
                 }
@@ -108,36 +109,36 @@ impl Eye<'_> {
                 continue;
             };
             if self.aovs && walk.depth == 1 {
-                seen.set_first(&s, &walk.ray);
-                seen.density = self.maps.density(&s, scratch);
+                seen.set_first(s, &walk.ray);
+                seen.density = self.maps.density(s, scratch);
             }
-            let emitted = direct::emitted(self.scene, &s, &walk.ray, &walk.previous);
+            let emitted = direct::emitted(self.scene, s, &walk.ray, &walk.previous);
             sum.iter_mut().for_each(|sum| *(walk.emitted_part)(sum) += walk.beta_emitted * emitted);
             if walk.delta {
                 seen.emitted += walk.beta_emitted * emitted;
             }
             if !walk.known && (s.bsdf.has_smooth() || s.light.is_some()) {
                 walk.known = true;
-                seen.add_surface(walk.beta, &s, self.scene);
+                seen.add_surface(walk.beta, s, self.scene);
             }
             if walk.depth >= self.params.max_segments() || walk.beta == Rgb::ZERO {
                 next = None;
                 continue;
             }
             let wo = s.frame.to_local(-walk.ray.d);
-            let here = self.collect(&walk, &s, wo, sampler, scratch, rays);
+            let here = self.collect(&walk, s, wo, sampler, scratch, rays);
             sum.iter_mut().zip(here).for_each(|(sum, here)| *sum += here);
-            if !self.looks_further(&s) {
+            if !self.looks_further(s) {
                 next = None;
                 continue;
             }
             next = match s.bsdf.split(wo, Mode::Radiance) {
                 Some([a, b]) if walk.delta && walk.shown(walk.beta * a.weight.min(b.weight)) >= DIMMEST => {
-                    pending.extend(self.scatter(&walk, &s, wo, &a, sampler));
-                    self.scatter(&walk, &s, wo, &b, sampler)
+                    pending.extend(self.scatter(&walk, s, wo, &a, sampler));
+                    self.scatter(&walk, s, wo, &b, sampler)
                 }
-                _ => sample(&s, wo, &scratch.incident, sampler)
-                    .and_then(|sample| self.scatter(&walk, &s, wo, &sample, sampler)),
+                _ => sample(s, wo, &scratch.incident, sampler)
+                    .and_then(|sample| self.scatter(&walk, s, wo, &sample, sampler)),
             };
         }
         sum

@@ -141,11 +141,12 @@ pub(super) fn fly<'a>(
     let beam = scene.lights.is_beam(start.light);
     for depth in 1..=max_depth.min(u8::MAX as u32) {
         out.rays += 1;
-        let Some(s) = scene.hit(&ray) else { return };
+        let hit = scene.hit(&ray);
+        let Some(s) = &hit else { return };
         let wi = -ray.d;
         if store == Store::Sites {
             if s.bsdf.diffuse_only().is_some() {
-                out.sites.push(Site::new(&s, wi));
+                out.sites.push(Site::new(s, wi));
             }
         } else if s.bsdf.has_smooth() {
             let mut push = |flux: Rgb, caustic| {
@@ -160,7 +161,7 @@ pub(super) fn fly<'a>(
                 push((flux - shown).max(Rgb::ZERO), false);
             }
             if let Some(splatter) = splatter.filter(|_| shown.max_element() > 0.0) {
-                out.rays += splatter.show(&s, wi, shown, sampler, &mut out.splats);
+                out.rays += splatter.show(s, wi, shown, sampler, &mut out.splats);
             }
         }
 
@@ -168,7 +169,7 @@ pub(super) fn fly<'a>(
         let wo = s.frame.to_local(wi);
         let Some(sample) = s.bsdf.sample(wo, u_lobe, u, Mode::Flux) else { return };
         let d = s.frame.to_world(sample.wi);
-        let correction = adjoint_correction(&s, wi, d);
+        let correction = adjoint_correction(s, wi, d);
         let weight = sample.weight * correction;
         let mut sharp_weight = weight;
         if !sample.delta {
