@@ -20,8 +20,10 @@ const PLACE: usize = 5;
 const K: usize = PLACE + FEATURES + 1;
 /// Entries of the normal equations: the lower triangle, and right-hand sides.
 const ENTRIES: usize = K * (K + 1) / 2 + 3 * K;
-/// Tiles are so wide and high: their normal equations stay in the second-level cache.
-const TILE: [usize; 2] = [32, 16];
+/// Tiles are so wide and high: their weights stay in the second-level cache, the sums of a row in the first.
+const TILE: [usize; 2] = [64, 8];
+/// Pixels whose equations are solved at a time.
+const LANES: usize = 8;
 /// Pixels around a tile that are read: window and patch.
 const PAD: usize = R + 1;
 /// Keeps slopes near zero that nothing in the picture determines. A pixel weighs 1 at most.
@@ -154,82 +156,97 @@ fn smooth_tile_plainly([x0, y0]: [usize; 2], sources: &Sources) -> Tile {
     let &Sources { size: (width, height), own, guide, variance, precise } = sources;
     const N: usize = TILE[0];
     const WIDE: usize = N + 2;
-    let (x0, y0) = (x0 as isize, y0 as isize);
     let r = R as isize;
-    let mut sums = vec![[[0.0f32; N]; ENTRIES]; TILE[1]];
+    let offsets = || (-r..=r).flat_map(|dy| (-r..=r).map(move |dx| (dx, dy)));
+
+    // The pixels of a row that lie on the film, as their neighbours do.
+    let columns = (width - x0).min(N) as isize;
+    let within = |dx: isize| {
+        let first = (-(x0 as isize + dx)).clamp(0, columns);
+        let end = (width as isize - (x0 as isize + dx)).clamp(first, columns);
+        first as usize..end as usize
+    };
+    let rows = (height - y0).min(TILE[1]);
+    let (x0, y0) = (x0 as isize, y0 as isize);
+
+    // All weights first, so that the sums of a row can stay in the first-level cache.
+    let mut weights = vec![[[0.0f32; N]; TILE[1]]; (2 * R + 1) * (2 * R + 1)];
     let mut distances = [[0.0f32; WIDE]; TILE[1] + 2];
-    for dy in -r..=r {
-        for dx in -r..=r {
-            for (j, row) in distances.iter_mut().enumerate() {
-                *row = [0.0; WIDE];
-                let y = y0 + j as isize - 1;
-                for channel in 0..3 {
-                    let g: &[f32; WIDE] = guide.row(channel, x0 - 1, y);
-                    let h: &[f32; WIDE] = guide.row(channel, x0 - 1 + dx, y + dy);
-                    let v: &[f32; WIDE] = variance.row(channel, x0 - 1, y);
-                    let u: &[f32; WIDE] = variance.row(channel, x0 - 1 + dx, y + dy);
-                    for i in 0..WIDE {
-                        let d = g[i] - h[i];
-                        row[i] += (d * d - (v[i] + v[i].min(u[i]))) / (NO_NOISE + v[i] + u[i]);
-                    }
-                }
-            }
-            for (j, sums) in sums.iter_mut().enumerate() {
-                let y = y0 + j as isize;
-                if !(0..height as isize).contains(&(y + dy)) {
-                    continue;
-                }
-                let mut w = [0.0f32; N];
-                let (a, b, c) = (&distances[j], &distances[j + 1], &distances[j + 2]);
-                for i in 0..N {
-                    let patch = |row: &[f32; WIDE]| row[i] + row[i + 1] + row[i + 2];
-                    let d = (patch(a) + patch(b) + patch(c)) * (1.0 / 27.0);
-                    // exp(−d), nearly, and zero from 4 on.
-                    let s = (1.0 - 0.25 * d.max(0.0)).max(0.0);
-                    w[i] = (s * s) * (s * s);
-                }
-                let first = (-(x0 + dx)).clamp(0, N as isize) as usize;
-                let last = (width as isize - (x0 + dx)).clamp(0, N as isize) as usize;
-                let within = first..last.max(first);
-                w[..within.start].fill(0.0);
-                w[within.end..].fill(0.0);
-                if w == [0.0; N] {
-                    continue;
-                }
-                let mut x = [[1.0f32; N]; K];
-                let (u, v) = (dx as f32 / R as f32, dy as f32 / R as f32);
-                for (x, place) in x.iter_mut().zip([u, v, u * u, u * v, v * v]) {
-                    *x = [place; N];
-                }
-                for f in 0..FEATURES {
-                    let q: &[f32; N] = own.features.row(f, x0 + dx, y + dy);
-                    let p: &[f32; N] = precise.row(f, x0, y);
-                    for i in 0..N {
-                        x[PLACE + f][i] = (q[i] - p[i]).clamp(-FAR, FAR);
-                    }
-                }
-                let values: [&[f32; N]; 3] =
-                    std::array::from_fn(|channel| own.value.row(channel, x0 + dx, y + dy));
-                let mut entry = 0;
-                for k in 0..K {
-                    let mut wx = [0.0f32; N];
-                    for i in 0..N {
-                        wx[i] = w[i] * x[k][i];
-                    }
-                    for other in x[..=k].iter().chain(values) {
-                        add_product(
-                            &mut sums[entry][within.clone()],
-                            &wx[within.clone()],
-                            &other[within.clone()],
-                        );
-                        entry += 1;
-                    }
+    for ((dx, dy), weights) in offsets().zip(&mut weights) {
+        for (j, row) in distances.iter_mut().enumerate() {
+            *row = [0.0; WIDE];
+            let y = y0 + j as isize - 1;
+            for channel in 0..3 {
+                let g: &[f32; WIDE] = guide.row(channel, x0 - 1, y);
+                let h: &[f32; WIDE] = guide.row(channel, x0 - 1 + dx, y + dy);
+                let v: &[f32; WIDE] = variance.row(channel, x0 - 1, y);
+                let u: &[f32; WIDE] = variance.row(channel, x0 - 1 + dx, y + dy);
+                for i in 0..WIDE {
+                    let d = g[i] - h[i];
+                    row[i] += (d * d - (v[i] + v[i].min(u[i]))) / (NO_NOISE + v[i] + u[i]);
                 }
             }
         }
+        let within = within(dx);
+        for (j, w) in weights[..rows].iter_mut().enumerate() {
+            if !(0..height as isize).contains(&(y0 + j as isize + dy)) {
+                continue;
+            }
+            let (a, b, c) = (&distances[j], &distances[j + 1], &distances[j + 2]);
+            for i in 0..N {
+                let patch = |row: &[f32; WIDE]| row[i] + row[i + 1] + row[i + 2];
+                let d = (patch(a) + patch(b) + patch(c)) * (1.0 / 27.0);
+                // exp(−d), nearly, and zero from 4 on.
+                let s = (1.0 - 0.25 * d.max(0.0)).max(0.0);
+                w[i] = (s * s) * (s * s);
+            }
+            w[..within.start].fill(0.0);
+            w[within.end..].fill(0.0);
+        }
     }
-    let pixel = |i: usize| constant(&std::array::from_fn(|entry| sums[i / N][entry][i % N]));
-    (0..N * TILE[1]).map(pixel).collect()
+
+    let mut smoothed = Vec::with_capacity(N * rows);
+    for j in 0..rows {
+        let y = y0 + j as isize;
+        let mut sums = [[0.0f32; N]; ENTRIES];
+        for ((dx, dy), weights) in offsets().zip(&weights) {
+            let w = &weights[j];
+            if *w == [0.0; N] {
+                continue;
+            }
+            let within = within(dx);
+            let mut x = [[1.0f32; N]; K];
+            let (u, v) = (dx as f32 / R as f32, dy as f32 / R as f32);
+            for (x, place) in x.iter_mut().zip([u, v, u * u, u * v, v * v]) {
+                *x = [place; N];
+            }
+            for f in 0..FEATURES {
+                let q: &[f32; N] = own.features.row(f, x0 + dx, y + dy);
+                let p: &[f32; N] = precise.row(f, x0, y);
+                for i in 0..N {
+                    x[PLACE + f][i] = (q[i] - p[i]).clamp(-FAR, FAR);
+                }
+            }
+            let values: [&[f32; N]; 3] =
+                std::array::from_fn(|channel| own.value.row(channel, x0 + dx, y + dy));
+            let mut entry = 0;
+            for k in 0..K {
+                let mut wx = [0.0f32; N];
+                for i in 0..N {
+                    wx[i] = w[i] * x[k][i];
+                }
+                for other in x[..=k].iter().chain(values) {
+                    let sum = &mut sums[entry][within.clone()];
+                    add_product(sum, &wx[within.clone()], &other[within.clone()]);
+                    entry += 1;
+                }
+            }
+        }
+        for first in (0..N).step_by(LANES) {
+            smoothed.extend(constants(&sums, first));
+        }
+    }
+    smoothed
 }
 
 /// Over slices: a loop of fixed length would be unrolled, and then not vectorised.
@@ -240,26 +257,43 @@ fn add_product(sum: &mut [f32], a: &[f32], b: &[f32]) {
     }
 }
 
-/// The constant of the regression: by Cholesky decomposition, where the last unknown is known first.
-fn constant(sums: &[f32; ENTRIES]) -> [f32; 3] {
+/// The constants of the regressions at [`LANES`] pixels: by Cholesky decomposition, where the last unknown is known first.
+#[inline(always)]
+fn constants(sums: &[[f32; TILE[0]]; ENTRIES], first: usize) -> [[f32; 3]; LANES] {
     // In f64: the constant's pivot is a small difference where one pixel is all there is.
-    let mut l = [[0.0f64; K]; K];
-    let mut z = [[0.0f64; 3]; K];
-    let mut sums = sums.iter().map(|&sum| f64::from(sum));
-    let mut next = || sums.next().unwrap_or(0.0);
+    type Lanes = [f64; LANES];
+    let mut l = [[[0.0; LANES]; K]; K];
+    let mut z = [[[0.0; LANES]; 3]; K];
+    let mut entries =
+        sums.iter().map(|sums| -> Lanes { std::array::from_fn(|i| f64::from(sums[first + i])) });
+    let mut next = || entries.next().unwrap_or([0.0; LANES]);
+    let subtract = |s: &mut Lanes, a: &Lanes, b: &Lanes| {
+        for ((s, a), b) in s.iter_mut().zip(a).zip(b) {
+            *s -= a * b;
+        }
+    };
     for k in 0..K {
         for j in 0..=k {
-            let ridge = if j == k && k + 1 < K { RIDGE } else { 0.0 };
-            let s = next() + ridge - l[k][..j].iter().zip(&l[j]).map(|(a, b)| a * b).sum::<f64>();
-            l[k][j] = if j == k { s.max(1e-9).sqrt() } else { s / l[j][j] };
+            let mut s = next();
+            for m in 0..j {
+                subtract(&mut s, &l[k][m], &l[j][m]);
+            }
+            let ridge = if k + 1 < K { RIDGE } else { 0.0 };
+            l[k][j] = match j == k {
+                true => s.map(|s| (s + ridge).max(1e-9).sqrt()),
+                false => std::array::from_fn(|i| s[i] / l[j][j][i]),
+            };
         }
-        let (known, rest) = z.split_at_mut(k);
-        for (channel, z) in rest[0].iter_mut().enumerate() {
-            let s = next() - known.iter().zip(&l[k]).map(|(z, l)| z[channel] * l).sum::<f64>();
-            *z = s / l[k][k];
+        for channel in 0..3 {
+            let mut s = next();
+            for m in 0..k {
+                subtract(&mut s, &z[m][channel], &l[k][m]);
+            }
+            z[k][channel] = std::array::from_fn(|i| s[i] / l[k][k][i]);
         }
     }
-    z[K - 1].map(|z| (z / l[K - 1][K - 1]).max(0.0) as f32)
+    let (z, l) = (&z[K - 1], &l[K - 1][K - 1]);
+    std::array::from_fn(|i| [0, 1, 2].map(|channel| (z[channel][i] / l[i]).max(0.0) as f32))
 }
 
 #[cfg(all(test, target_arch = "x86_64"))]
