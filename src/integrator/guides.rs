@@ -21,6 +21,8 @@ const MORE: [u64; 2] = [16, 512];
 /// Of these, those for a standard deviation of emitted light that is as great as its mean. In proportion to it they leave the
 /// least variance over all pixels (Neyman 1934).
 const PER_DEVIATION: f64 = 96.0;
+/// Emitted light fainter than this share of what the film shows of it on average is not worth many.
+const FAINT: f64 = 0.1;
 /// Fewest where emitted light changes from one pixel to the next.
 const AT_LIGHT: u64 = 64;
 /// A variance of the mean, relative to its square, that leaves a pixel's features in doubt.
@@ -57,9 +59,15 @@ impl Spread {
         self.squares += emitted * emitted;
     }
 
-    /// Variance of one sample relative to the squared mean; `None` if nothing was seen.
-    fn relative_variance(&self) -> Option<f64> {
-        (self.sum > 0.0).then(|| self.n * self.squares / (self.sum * self.sum) - 1.0)
+    fn mean(&self) -> f64 {
+        self.sum / self.n
+    }
+
+    /// Standard deviation of one sample relative to the mean, to which `floor` is added; `None` if nothing was seen.
+    fn relative_deviation(&self, floor: f64) -> Option<f64> {
+        let mean = self.mean();
+        let variance = (self.squares / self.n - mean * mean).max(0.0);
+        (mean > 0.0).then(|| variance.sqrt() / (mean + floor))
     }
 }
 
@@ -108,6 +116,8 @@ pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guid
         },
     );
 
+    let floor = FAINT * looks.iter().map(|look| look.lamps.mean()).sum::<f64>() / looks.len() as f64;
+
     // What samples have missed, neighbours may know of.
     let around = |pixel: usize| {
         let (x, y) = (pixel % width, pixel / width);
@@ -119,10 +129,10 @@ pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guid
     let finish = |scratch: &mut Scratch, pixel: usize| {
         let Look { guide, is_doubtful, lamps, mut rays, .. } = looks[pixel];
         let beside = || around(pixel).map(|(shares_edge, other)| (shares_edge, &looks[other]));
-        let variance = lamps.relative_variance().unwrap_or_else(|| {
-            beside().filter_map(|(_, other)| other.lamps.relative_variance()).fold(0.0, f64::max)
+        let deviation = lamps.relative_deviation(floor).unwrap_or_else(|| {
+            beside().filter_map(|(_, other)| other.lamps.relative_deviation(floor)).fold(0.0, f64::max)
         });
-        let wanted = (PER_DEVIATION * variance.sqrt()) as u64;
+        let wanted = (PER_DEVIATION * deviation) as u64;
         let borders = |how: fn(&Guide, &Guide) -> bool| {
             beside().any(|(shares_edge, other)| shares_edge && how(&guide, &other.guide))
         };
