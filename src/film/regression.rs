@@ -275,8 +275,8 @@ fn constants(sums: &[[f32; TILE[0]]; ENTRIES], first: usize) -> [[f32; 3]; LANES
     for k in 0..K {
         for j in 0..=k {
             let mut s = next();
-            for m in 0..j {
-                subtract(&mut s, &l[k][m], &l[j][m]);
+            for (a, b) in l[k][..j].iter().zip(&l[j]) {
+                subtract(&mut s, a, b);
             }
             let ridge = if k + 1 < K { RIDGE } else { 0.0 };
             l[k][j] = match j == k {
@@ -284,12 +284,13 @@ fn constants(sums: &[[f32; TILE[0]]; ENTRIES], first: usize) -> [[f32; 3]; LANES
                 false => std::array::from_fn(|i| s[i] / l[j][j][i]),
             };
         }
-        for channel in 0..3 {
+        let (known, rest) = z.split_at_mut(k);
+        for (channel, z) in rest[0].iter_mut().enumerate() {
             let mut s = next();
-            for m in 0..k {
-                subtract(&mut s, &z[m][channel], &l[k][m]);
+            for (z, l) in known.iter().zip(&l[k]) {
+                subtract(&mut s, &z[channel], l);
             }
-            z[k][channel] = std::array::from_fn(|i| s[i] / l[k][k][i]);
+            *z = std::array::from_fn(|i| s[i] / l[k][k][i]);
         }
     }
     let (z, l) = (&z[K - 1], &l[K - 1][K - 1]);
