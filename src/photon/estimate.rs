@@ -224,11 +224,15 @@ impl Estimator {
         match s.bsdf.diffuse_only() {
             Some(f) => {
                 let n_s = s.frame.n * 1f32.copysign(wo.z);
-                let levels = self.sum(map, Place::of(s), what, fine, heap, |wi| arriving(n_s, s.n_g, wi)).0;
+                let levels = self
+                    .sum(map, Place::of(s), what, fine, heap, |slot| {
+                        arriving(n_s, s.n_g, map.direction(slot))
+                    })
+                    .0;
                 Levels { wide: f * levels.wide, fine: f * levels.fine }
             }
             None => {
-                let reflected = |wi| scattered(s, wo, wi, share);
+                let reflected = |slot| scattered(s, wo, map.wi(slot), share);
                 self.sum(map, Place::of(s), what, fine, heap, reflected).0
             }
         }
@@ -236,12 +240,12 @@ impl Estimator {
 
     /// Irradiance at `site`, and the radius of the disk that it was estimated over.
     pub fn irradiance(&self, map: &PhotonMap, site: &Site, what: Photons, heap: &mut KnnHeap) -> (Rgb, f32) {
-        let arriving = |wi| arriving(site.n_s, site.place.n_g, wi);
+        let arriving = |slot| arriving(site.n_s, site.place.n_g, map.direction(slot));
         let (levels, r) = self.sum(map, site.place, what, false, heap, arriving);
         (levels.wide, r)
     }
 
-    /// The sum of flux · `factor(wi)` · kernel over the photons around a place, and the kernel's radius.
+    /// The sum of flux · `factor(slot)` · kernel over the photons around a place, and the kernel's radius.
     #[inline(always)]
     fn sum(
         &self,
@@ -250,7 +254,7 @@ impl Estimator {
         what: Photons,
         fine: bool,
         heap: &mut KnnHeap,
-        factor: impl Fn(Vec3) -> Rgb,
+        factor: impl Fn(u32) -> Rgb,
     ) -> (Levels, f32) {
         let r2_full = self.nearest(map, place, heap);
         let r2_own = if heap.is_full() { r2_full } else { f32::INFINITY };
@@ -282,7 +286,7 @@ impl Estimator {
             if own.is_some_and(|facet| !facet.contains(facet.project(map.tree().position(slot)))) {
                 continue;
             }
-            let arrived = map.flux(slot) * factor(map.wi(slot));
+            let arrived = map.flux(slot) * factor(slot);
             let t2 = d2 / r2;
             sum.wide += arrived * self.kernel.weight(t2);
             if fine && t2 < FINE * FINE {
@@ -322,8 +326,8 @@ pub(super) fn scattered(s: &Surface, wo: Vec3, wi: Vec3, share: Share) -> Rgb {
     s.bsdf.eval(wo, s.frame.to_local(wi), Mode::Radiance, share) / cos_g
 }
 
-/// What flux from `wi` counts for on the side of `n_s`: |wi·n_s| / |wi·n_g|, for photons count flux through the geometric
-/// surface, and scattering wants it through the shading one.
+/// What flux from `wi`, of any length near 1, counts for on the side of `n_s`: |wi·n_s| / |wi·n_g|, for photons count
+/// flux through the geometric surface, and scattering wants it through the shading one.
 fn arriving(n_s: Vec3, n_g: Vec3, wi: Vec3) -> Rgb {
     Rgb::splat(n_s.dot(wi).max(0.0) / n_g.dot(wi).abs().max(1e-4))
 }

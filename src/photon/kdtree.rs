@@ -165,11 +165,14 @@ impl KdTree {
             return;
         }
         let farthest = below(r_max);
-        heap.clear(heap.enough.min(farthest));
-        self.traverse(p, heap.bound, |first, mask, d2| heap.add(first, mask, d2, &mut accept));
-        if heap.len < heap.k && heap.enough < farthest {
-            heap.clear(farthest);
-            self.traverse(p, heap.bound, |first, mask, d2| heap.add(first, mask, d2, &mut accept));
+        let mut bound = heap.enough.min(farthest);
+        loop {
+            heap.clear(bound);
+            self.traverse(p, bound, |first, mask, d2| heap.add(first, mask, d2, &mut accept));
+            if heap.len >= heap.k || bound == farthest {
+                break;
+            }
+            bound = farthest;
         }
         heap.finish();
     }
@@ -543,27 +546,21 @@ fn least(d2: &[f32; LEAF]) -> usize {
 
 /// How many numbers are below `t`; the length is a multiple of [`LANES`].
 fn count_below(d2: &[f32], t: f32) -> usize {
-    let mut n = [0u32; LANES];
-    for lane in d2.chunks_exact(LANES) {
-        for (n, &d2) in n.iter_mut().zip(lane) {
-            *n += (d2 < t) as u32;
+    // In f32, which counts these few exactly, and by hand: left to the compiler, lanes are shuffled about.
+    let mut n = [Vec4::ZERO; 2];
+    for lanes in d2.chunks_exact(LANES) {
+        for (n, d2) in n.iter_mut().zip(lanes.chunks_exact(4)) {
+            *n += Vec4::select(Vec4::from_slice(d2).cmplt(Vec4::splat(t)), Vec4::ONE, Vec4::ZERO);
         }
     }
-    n.iter().sum::<u32>() as usize
+    (n[0] + n[1]).element_sum() as usize
 }
 
 /// The greatest of non-negative numbers, or 0.
 fn max(d2: &[f32]) -> f32 {
-    let greater = |a: f32, b: f32| if a > b { a } else { b };
-    let chunks = d2.chunks_exact(LANES);
-    let rest = chunks.remainder().iter().fold(0.0, |m, &d2| greater(d2, m));
-    let mut m = [rest; LANES];
-    for lane in chunks {
-        for (m, &d2) in m.iter_mut().zip(lane) {
-            *m = greater(d2, *m);
-        }
-    }
-    m.into_iter().fold(0.0, greater)
+    let lanes = d2.chunks_exact(4);
+    let rest = lanes.remainder().iter().fold(0.0, |m: f32, &d2| m.max(d2));
+    lanes.fold(Vec4::splat(rest), |m, d2| m.max(Vec4::from_slice(d2))).max_element()
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The photon map: records of 14 bytes in tree order beside the tree's positions, 28 bytes a photon in all.
 
 use super::kdtree::KdTree;
-use super::octahedral::{Direction, decode8, decode16, encode8, encode16};
+use super::octahedral::{Direction, decode8, decode16, direction16, encode8, encode16};
 use crate::math::Rgb;
 use glam::Vec3;
 use rayon::prelude::*;
@@ -129,6 +129,11 @@ impl PhotonMap {
     /// Direction back along the flight of the photon in `slot`.
     pub fn wi(&self, slot: u32) -> Vec3 {
         decode16(self.records[slot as usize].wi)
+    }
+
+    /// The same, of a length between 0.57 and 1.
+    pub(super) fn direction(&self, slot: u32) -> Vec3 {
+        direction16(self.records[slot as usize].wi)
     }
 
     /// Whether the geometric normal under the photon in `slot` makes an angle with `n` whose cosine exceeds `cos`, give or

@@ -32,7 +32,12 @@ pub(super) fn encode16(v: Vec3) -> [i16; 2] {
 
 /// The inverse of [`encode16`].
 pub(super) fn decode16(v: [i16; 2]) -> Vec3 {
-    unproject(Vec2::new(v[0] as f32, v[1] as f32) / 32767.0)
+    direction16(v).normalize()
+}
+
+/// The direction of [`decode16`], not normalised: its length lies between 0.57 and 1.
+pub(super) fn direction16(v: [i16; 2]) -> Vec3 {
+    unfold(Vec2::new(v[0] as f32, v[1] as f32) * (1.0 / 32767.0), 1.0)
 }
 
 /// In 16 bits: good to 1.7·10⁻² rad.
