@@ -395,6 +395,8 @@ impl Film {
         };
         let width = self.width;
         let rows = self.sums.par_chunks_mut(width * stride).zip(features.par_iter_mut()).enumerate();
+        // One row at a time, or the last thread has a share of its own left when the others are done.
+        let rows = rows.with_max_len(1);
         let rows = rows.map(|(y, (sums, features))| {
             let mut scratch = row();
             let mut values = Values {

@@ -106,6 +106,7 @@ pub(super) fn smooth(
     let tiles = tiles_x * height.div_ceil(TILE[1]);
     let smoothed: Vec<[Tile; 2]> = (0..tiles)
         .into_par_iter()
+        .with_max_len(1)
         .map(|tile| {
             let corner = [(tile % tiles_x) * TILE[0], (tile / tiles_x) * TILE[1]];
             [0, 1].map(|h| {

@@ -29,6 +29,8 @@ const AT_LIGHT: u64 = 64;
 const DOUBT: f32 = 1e-3;
 /// Camera samples of such a pixel in each pass: what features leave in doubt, the rest of the picture does, too.
 const AT_DOUBT: u32 = 2;
+/// Pixels that a thread takes at once: few, for some take a hundred times as long as others.
+const AT_ONCE: usize = 64;
 /// Keeps 0/0 from being no number.
 const TINY: Rgb = Rgb::splat(f32::MIN_POSITIVE);
 
@@ -102,11 +104,12 @@ pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guid
         }
     };
     let scratch = || Scratch::new(Some(&maps));
-    let mut looks: Vec<Look> = (0..width * height).into_par_iter().map_init(scratch, look).collect();
+    let pixels = || (0..width * height).into_par_iter().with_max_len(AT_ONCE);
+    let mut looks: Vec<Look> = pixels().map_init(scratch, look).collect();
     let smooth = looks.iter().filter(|look| look.is_smooth).count() as u64;
     let [average, most] = SEARCH;
     let more = (average * looks.len() as u64 / smooth.max(1)).min(most);
-    looks.par_iter_mut().enumerate().filter(|(_, look)| look.is_smooth).for_each_init(
+    looks.par_iter_mut().with_max_len(AT_ONCE).enumerate().filter(|(_, look)| look.is_smooth).for_each_init(
         scratch,
         |scratch, (pixel, look)| {
             let first = FEW + MORE[1];
@@ -147,8 +150,7 @@ pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guid
         let guide = Guide::new(samples.map(|seen| (seen.features, seen.emitted)));
         (guide.with_samples(if is_doubtful { AT_DOUBT } else { 1 }), rays)
     };
-    let (guides, rays): (Vec<Guide>, Vec<u64>) =
-        (0..width * height).into_par_iter().map_init(scratch, finish).unzip();
+    let (guides, rays): (Vec<Guide>, Vec<u64>) = pixels().map_init(scratch, finish).unzip();
     (guides, rays.iter().sum())
 }
 

@@ -125,12 +125,13 @@ impl Guide {
             let count = first << round;
             let emission =
                 Emission { guide: guide.as_ref(), ..Emission::new(Store::Caustic, count, max_depth) };
-            let sent: Vec<Sent> = (0..count)
+            let sent: Vec<Sent> = (0..count as usize)
                 .into_par_iter()
+                .with_max_len(512)
                 .map_init(
                     || KnnHeap::new(Importance::K),
                     |heap, index| {
-                        let mut sampler = Sampler::new(0, Stream::Pilots, round, index);
+                        let mut sampler = Sampler::new(0, Stream::Pilots, round, index as u64);
                         Sent::new(scene, &mut sampler, &emission, &importance, heap)
                     },
                 )

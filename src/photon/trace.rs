@@ -70,18 +70,20 @@ impl Emission<'_> {
 
 /// Emits photon paths, and stores what they carry where they meet non-delta surfaces.
 pub fn trace<'a>(scene: &'a Scene, seed: u64, pass: u32, emission: &Emission) -> Traced<'a> {
-    const BATCH: u64 = 4096;
+    const BATCH: u64 = 1024;
     let count = emission.count;
     let stream = match emission.store {
         Store::All => Stream::GlobalPhotons,
         Store::Caustic => Stream::CausticPhotons,
         Store::Sites => Stream::Sites,
     };
-    let batches: Vec<Traced> = (0..count.div_ceil(BATCH))
+    let batches: Vec<Traced> = (0..count.div_ceil(BATCH) as usize)
         .into_par_iter()
+        .with_max_len(1)
         .map(|batch| {
             let mut out = Traced::default();
-            for index in batch * BATCH..((batch + 1) * BATCH).min(count) {
+            let first = batch as u64 * BATCH;
+            for index in first..(first + BATCH).min(count) {
                 let mut sampler = Sampler::new(seed, stream, pass as u64, index);
                 let (at, weight) = Start::draw(&mut sampler, emission.guide);
                 if let Some(start) = at.emit(scene, emission.store) {
