@@ -11,7 +11,7 @@
 use rayon::prelude::*;
 
 /// Half the width of the window that lends, pixels.
-const R: usize = 5;
+const R: usize = 7;
 /// Features beside position on the film.
 pub(super) const FEATURES: usize = 6;
 /// Terms of place on the film, up to the second order.
