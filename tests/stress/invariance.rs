@@ -174,7 +174,7 @@ fn neither_acne_nor_leaks_at_more_scales_and_places() {
     }
 }
 
-/// Powers of two scale every number exactly.
+/// Powers of two scale every number exactly; what of a scaled picture is subnormal has been rounded to its last bit.
 #[test]
 fn radiance_is_a_factor() {
     for backend in backends() {
@@ -193,8 +193,11 @@ fn radiance_is_a_factor() {
             assert!(mean(&plain).min_element() > 0.01);
             for exponent in [1, -100, 100] {
                 let scaled = image(exponent);
+                let back = 2f32.powi(-exponent);
+                let last_bit = 0.5 * (f32::from_bits(1) * back);
                 for (i, (a, b)) in plain.pixels.iter().zip(&scaled.pixels).enumerate() {
-                    assert_eq!(*a, *b * 2f32.powi(-exponent), "pixel {i} at 2^{exponent}, {kind:?}");
+                    let off = (*a - *b * back).abs().max_element();
+                    assert!(off <= last_bit, "pixel {i} at 2^{exponent}, {kind:?}: {a} {b}");
                 }
             }
         }
