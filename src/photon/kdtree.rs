@@ -169,10 +169,12 @@ impl KdTree {
         loop {
             heap.clear(bound);
             self.traverse(p, bound, |first, mask, d2| heap.add(first, mask, d2, &mut accept));
-            if heap.len >= heap.k || bound == farthest {
+            // Not for NaN, which no radius is below.
+            if heap.len < heap.k && bound < farthest {
+                bound = farthest;
+            } else {
                 break;
             }
-            bound = farthest;
         }
         heap.finish();
     }
