@@ -262,7 +262,7 @@ fn density_estimation_is_unbiased_where_light_is_even() {
             let u = Sampler::new(9, Stream::GlobalPhotons, map * PHOTONS as u64 + i as u64, 0).next_2d();
             let p = (2.0 * u - 1.0).extend(0.0);
             let flux = Vec3::splat(4.0 / PHOTONS as f32);
-            Photon { p, wi: Vec3::Z, n_g: Vec3::Z, flux, depth: 1, caustic: false }
+            Photon { p, wi: Vec3::Z, n_g: Vec3::Z, tag: 0, flux, depth: 1, caustic: false }
         };
         let photons: Vec<Photon> = (0..PHOTONS).map(photon).collect();
         let map = (PhotonMap::new(&photons), Sampler::new(9, Stream::Eye, map, 0).next_2d());

@@ -29,7 +29,7 @@ fn it_is_unbiased_where_light_is_even() {
     let (mut missed, mut n) = (0, 0);
     let mut estimate = |set: u64| {
         let flux = Vec3::splat(4.0 / PHOTONS as f32);
-        let photon = |p| Photon { p, wi: Vec3::Z, n_g: Vec3::Z, flux, depth: 1, caustic: false };
+        let photon = |p| Photon { p, wi: Vec3::Z, n_g: Vec3::Z, tag: 0, flux, depth: 1, caustic: false };
         let photons: Vec<Photon> =
             (0..PHOTONS).map(|i| photon(point(Stream::GlobalPhotons, set, i))).collect();
         let sites: Vec<Site> =

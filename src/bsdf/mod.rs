@@ -132,6 +132,9 @@ impl BsdfSample {
 /// A scattering function: one of a closed set, perhaps with holes, perhaps on both sides. Only those made of others
 /// allocate.
 ///
+/// Holes are no lobe: a path crosses the surface with probability 1 − [`Bsdf::opacity`], as if nothing were there, and all
+/// else that a `Bsdf` says is about paths that do not.
+///
 /// Reflectances and transmittances scale the physical values; 1 is Mitsuba's default for the specular ones, 0.5 for
 /// the diffuse ones. `eta` of a dielectric is the index of the interior (below the surface) over the exterior.
 /// What cannot transmit is black from behind unless made [`Bsdf::two_sided`].
@@ -144,7 +147,6 @@ pub struct Bsdf<'a> {
 
 #[derive(Clone, Debug)]
 enum Kind<'a> {
-    Null,
     Diffuse(Diffuse),
     Conductor(Conductor),
     RoughConductor(RoughConductor),
@@ -171,7 +173,7 @@ impl<'a> Bsdf<'a> {
 
     /// No surface at all: light goes straight through (`null`).
     pub fn null() -> Self {
-        Bsdf::new(Kind::Null)
+        Bsdf::diffuse(Rgb::ZERO).masked(0.0)
     }
 
     /// Lambertian reflection from the front side (`diffuse`).
@@ -222,18 +224,34 @@ impl<'a> Bsdf<'a> {
     /// (1 − `weight`) `first` + `weight` `second` (`blendbsdf`).
     pub fn blend(first: Bsdf<'a>, second: Bsdf<'a>, weight: f32) -> Self {
         let weight = if weight > 0.0 { weight.min(1.0) } else { 0.0 };
-        Bsdf::new(Kind::Blend(Box::new(Blend { weight, bsdfs: [first, second] })))
+        let parts = [(1.0 - weight) * first.opacity, weight * second.opacity];
+        // 1 exactly where there are no holes.
+        let opacity = 1.0 - ((1.0 - weight) * (1.0 - first.opacity) + weight * (1.0 - second.opacity));
+        let [first, second] = [first, second].map(|bsdf| Bsdf { opacity: 1.0, ..bsdf });
+        let whole = match parts {
+            [_, 0.0] => first,
+            [0.0, _] => second,
+            _ => Bsdf::new(Kind::Blend(Box::new(Blend {
+                weight: (parts[1] / opacity).min(1.0),
+                bsdfs: [first, second],
+            }))),
+        };
+        whole.masked(opacity)
     }
 
     /// The same under a layer (Mitsuba 0.6's `coating` and `roughcoating`). It must not transmit.
     pub fn coated(self, layer: Layer<'a>) -> Self {
-        Bsdf::new(Kind::Coated(Box::new(Coated { layer, nested: self })))
+        let opacity = self.opacity;
+        let nested = Bsdf { opacity: 1.0, ..self };
+        Bsdf::new(Kind::Coated(Box::new(Coated { layer, nested }))).masked(opacity)
     }
 
     /// The same about the unit normal `n` instead of the local z axis (`normalmap`, `bumpmap`); the tangent lies in the
     /// plane of `n` and `s`.
     pub fn perturbed(self, n: Vec3, s: Vec3, rules: Perturbation) -> Self {
-        Bsdf::new(Kind::Perturbed(Box::new(Perturbed { n, s, rules, nested: self })))
+        let opacity = self.opacity;
+        let nested = Bsdf { opacity: 1.0, ..self };
+        Bsdf::new(Kind::Perturbed(Box::new(Perturbed { n, s, rules, nested }))).masked(opacity)
     }
 
     /// Burley's blend of paint, metal and glass under a clear coat (`principled`).
@@ -267,7 +285,7 @@ impl<'a> Bsdf<'a> {
         Bsdf::new(Kind::DiffuseTransmitter(DiffuseTransmitter { transmittance }))
     }
 
-    /// The same with holes (`mask`): light goes straight through with probability 1 − `opacity`.
+    /// The same with holes (`mask`): paths cross it with probability 1 − `opacity`.
     pub fn masked(self, opacity: f32) -> Self {
         Bsdf { opacity: self.opacity * opacity.clamp(0.0, 1.0), ..self }
     }
@@ -282,37 +300,30 @@ impl<'a> Bsdf<'a> {
     #[inline]
     pub fn eval(&self, wo: Vec3, wi: Vec3, mode: Mode, share: Share) -> Rgb {
         let (wo, wi) = if self.flips(wo) { (mirror(wo), mirror(wi)) } else { (wo, wi) };
-        let f = match &self.kind {
+        match &self.kind {
             Kind::Diffuse(b) => b.eval(wo, wi),
             kind => kind.eval(wo, wi, mode, share),
-        };
-        f * self.opacity
+        }
     }
 
     /// Pdf with which [`Bsdf::sample`] takes `wi` from a non-delta lobe.
     #[inline]
     pub fn pdf_w(&self, wo: Vec3, wi: Vec3, mode: Mode) -> f32 {
         let (wo, wi) = if self.flips(wo) { (mirror(wo), mirror(wi)) } else { (wo, wi) };
-        let pdf_w = match &self.kind {
+        match &self.kind {
             Kind::Diffuse(b) => b.pdf_w(wo, wi),
             kind => kind.pdf_w(wo, wi, mode),
-        };
-        pdf_w * self.opacity
+        }
     }
 
     /// Samples a lobe by `u_lobe` and a direction by `u`, all in [0, 1). `None` means that the path ends: it counts as
     /// a sample of weight 0.
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode) -> Option<BsdfSample> {
-        if u_lobe >= self.opacity {
-            return Some(BsdfSample::delta(-wo, Rgb::ONE, 1.0));
-        }
-        let u_lobe = u_lobe / self.opacity;
         let flips = self.flips(wo);
         let mut s = self.kind.sample(if flips { mirror(wo) } else { wo }, u_lobe, u, mode)?;
         if flips {
             s.wi = mirror(s.wi);
         }
-        s.pdf_w *= self.opacity;
         Some(s)
     }
 
@@ -320,8 +331,8 @@ impl<'a> Bsdf<'a> {
     /// `None` for all else, and where one of them is missing.
     pub fn split(&self, wo: Vec3, mode: Mode) -> Option<[BsdfSample; 2]> {
         let reflects = match &self.kind {
-            Kind::Dielectric(b) if self.opacity == 1.0 => b.reflects(wo),
-            Kind::ThinDielectric(b) if self.opacity == 1.0 => b.reflects(wo),
+            Kind::Dielectric(b) => b.reflects(wo),
+            Kind::ThinDielectric(b) => b.reflects(wo),
             _ => return None,
         };
         if reflects <= 0.0 || reflects >= 1.0 {
@@ -336,44 +347,37 @@ impl<'a> Bsdf<'a> {
 
     /// Whether any lobe is not a delta: photons are stored and light is sampled there.
     pub fn has_smooth(&self) -> bool {
-        self.opacity > 0.0
-            && match &self.kind {
-                Kind::Null | Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => false,
-                Kind::Blend(b) => b.any(Bsdf::has_smooth),
-                Kind::Coated(b) => b.layer.rough.is_some() || b.nested.has_smooth(),
-                Kind::Perturbed(b) => b.nested.has_smooth(),
-                _ => true,
-            }
+        match &self.kind {
+            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => false,
+            Kind::Blend(b) => b.any(Bsdf::has_smooth),
+            Kind::Coated(b) => b.layer.rough.is_some() || b.nested.has_smooth(),
+            Kind::Perturbed(b) => b.nested.has_smooth(),
+            _ => true,
+        }
     }
 
-    /// Whether any lobe is a delta, holes included.
+    /// Whether any lobe is a delta.
     pub fn has_delta(&self) -> bool {
-        self.opacity < 1.0
-            || match &self.kind {
-                Kind::Null
-                | Kind::Conductor(_)
-                | Kind::Dielectric(_)
-                | Kind::ThinDielectric(_)
-                | Kind::Plastic(_) => true,
-                Kind::Blend(b) => b.any(Bsdf::has_delta),
-                Kind::Coated(b) => b.layer.rough.is_none() || b.nested.has_delta(),
-                Kind::Perturbed(b) => b.nested.has_delta(),
-                _ => false,
-            }
+        match &self.kind {
+            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) | Kind::Plastic(_) => true,
+            Kind::Blend(b) => b.any(Bsdf::has_delta),
+            Kind::Coated(b) => b.layer.rough.is_none() || b.nested.has_delta(),
+            Kind::Perturbed(b) => b.nested.has_delta(),
+            _ => false,
+        }
     }
 
     /// Whether a microfacet lobe is divided among the shares: some share differs from [`Share::All`].
     pub fn has_rough(&self) -> bool {
         let divided = |alpha| sharp_eye(alpha) > 0.0 || sharp_light(alpha) > 0.0;
-        self.opacity > 0.0
-            && match &self.kind {
-                Kind::Blend(b) => b.any(Bsdf::has_rough),
-                Kind::Coated(b) => {
-                    b.layer.rough.is_some_and(|coating| divided(coating.roughness())) || b.nested.has_rough()
-                }
-                Kind::Perturbed(b) => b.nested.has_rough(),
-                kind => kind.roughness().is_some_and(divided),
+        match &self.kind {
+            Kind::Blend(b) => b.any(Bsdf::has_rough),
+            Kind::Coated(b) => {
+                b.layer.rough.is_some_and(|coating| divided(coating.roughness())) || b.nested.has_rough()
             }
+            Kind::Perturbed(b) => b.nested.has_rough(),
+            kind => kind.roughness().is_some_and(divided),
+        }
     }
 
     /// Roughness √(α_u α_v) of the microfacet lobe, if there is one, and of the narrowest of several unless they are those
@@ -382,17 +386,17 @@ impl<'a> Bsdf<'a> {
         self.kind.roughness()
     }
 
-    /// Whether light gets from one side to the other.
+    /// Whether light is scattered from one side to the other.
     pub fn transmits(&self) -> bool {
-        self.opacity < 1.0 || self.kind.transmits()
+        self.kind.transmits()
     }
 
-    /// Whether light goes straight through, as if nothing were there.
-    pub fn is_null(&self) -> bool {
-        self.opacity == 0.0 || matches!(self.kind, Kind::Null)
+    /// The share of light that meets the surface; the rest goes through holes.
+    pub fn opacity(&self) -> f32 {
+        self.opacity
     }
 
-    /// Whether anything but holes scatters what arrives on the side of `wo`.
+    /// Whether anything is scattered that arrives on the side of `wo`.
     pub fn scatters_on(&self, wo: Vec3) -> bool {
         wo.z > 0.0 || (wo.z < 0.0 && (self.two_sided || self.kind.transmits()))
     }
@@ -402,15 +406,14 @@ impl<'a> Bsdf<'a> {
     #[inline]
     pub fn diffuse_only(&self) -> Option<Rgb> {
         match &self.kind {
-            Kind::Diffuse(b) => Some(b.reflectance * (self.opacity * FRAC_1_PI)),
+            Kind::Diffuse(b) => Some(b.reflectance * FRAC_1_PI),
             _ => None,
         }
     }
 
-    /// Approximate share of the arriving light that is scattered anywhere, by all lobes and holes.
+    /// Approximate share of the light that meets the surface and is scattered anywhere, by all lobes.
     pub fn albedo(&self) -> Rgb {
-        let a = match &self.kind {
-            Kind::Null => Rgb::ONE,
+        match &self.kind {
             Kind::Diffuse(b) => b.reflectance,
             Kind::Conductor(b) => b.fresnel(1.0),
             Kind::RoughConductor(b) => b.metal.fresnel(1.0),
@@ -428,8 +431,7 @@ impl<'a> Bsdf<'a> {
             Kind::Blend(b) => b.albedo(),
             Kind::Coated(b) => b.albedo(),
             Kind::Perturbed(b) => b.nested.albedo(),
-        };
-        Rgb::ONE.lerp(a, self.opacity)
+        }
     }
 
     #[inline]
@@ -442,7 +444,7 @@ impl Kind<'_> {
     fn eval(&self, wo: Vec3, wi: Vec3, mode: Mode, share: Share) -> Rgb {
         let part = |alpha| share.of(alpha);
         match self {
-            Kind::Null | Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => Rgb::ZERO,
+            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => Rgb::ZERO,
             Kind::Diffuse(b) => b.eval(wo, wi),
             Kind::RoughConductor(b) => match part(b.microfacet.roughness()) {
                 0.0 => Rgb::ZERO,
@@ -468,7 +470,7 @@ impl Kind<'_> {
 
     fn pdf_w(&self, wo: Vec3, wi: Vec3, mode: Mode) -> f32 {
         match self {
-            Kind::Null | Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => 0.0,
+            Kind::Conductor(_) | Kind::Dielectric(_) | Kind::ThinDielectric(_) => 0.0,
             Kind::Diffuse(b) => b.pdf_w(wo, wi),
             Kind::RoughConductor(b) => b.pdf_w(wo, wi),
             Kind::RoughDielectric(b) => b.pdf_w(wo, wi),
@@ -488,7 +490,6 @@ impl Kind<'_> {
 
     fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode) -> Option<BsdfSample> {
         match self {
-            Kind::Null => Some(BsdfSample::delta(-wo, Rgb::ONE, 1.0)),
             Kind::Diffuse(b) => b.sample(wo, u),
             Kind::Conductor(b) => b.sample(wo),
             Kind::RoughConductor(b) => b.sample(wo, u),
@@ -524,8 +525,7 @@ impl Kind<'_> {
 
     fn transmits(&self) -> bool {
         match self {
-            Kind::Null
-            | Kind::Dielectric(_)
+            Kind::Dielectric(_)
             | Kind::ThinDielectric(_)
             | Kind::RoughDielectric(_)
             | Kind::PrincipledThin(_)

@@ -122,7 +122,7 @@ fn visible(scene: &Scene, at: Vec2, p: Vec3) -> bool {
             return true;
         }
         let material = scene.material(surface.shape);
-        if material.lobes().smooth || !material.transmits() {
+        if surface.bsdf.opacity() >= 0.5 && (material.lobes().smooth || !material.transmits()) {
             return false;
         }
         ray = surface.spawn(ray.d);

@@ -29,12 +29,14 @@ pub(super) struct Lit {
     pub(super) f: Rgb,
 }
 
-/// Samples one light from `s`, and tests whether it is seen. The other strategy takes a local direction with the density
-/// `other_pdf_w`. `rays` counts the shadow ray.
+/// Samples one light from `s`, and tests what of it is seen. The other strategy takes a local direction with the density
+/// `other_pdf_w`, and finds lights through `segments_left` segments at most: crossing a hole takes one of a path, none of a
+/// shadow ray. `rays` counts the shadow rays.
 pub(super) fn sample_light(
     scene: &Scene,
     s: &Surface,
     wo: Vec3,
+    segments_left: u32,
     sampler: &mut Sampler,
     rays: &mut u64,
     other_pdf_w: impl Fn(Vec3) -> f32,
@@ -47,16 +49,13 @@ pub(super) fn sample_light(
     if !lit {
         return None;
     }
-    let ray = match light.target {
-        Some(target) => s.spawn_to(target),
-        None => s.spawn(light.wi),
-    };
-    *rays += 1;
-    if scene.occluded(&ray) {
+    let through = scene.transmittance(s, light.wi, light.target, false, rays);
+    if through.color == Rgb::ZERO {
         return None;
     }
-    let mis = if light.delta { 1.0 } else { power_heuristic(light.pdf_w, other_pdf_w(wi)) };
-    Some(Lit { wi, light: light.weight * mis, f })
+    let alone = light.delta || through.crossings >= segments_left;
+    let mis = if alone { 1.0 } else { power_heuristic(light.pdf_w, other_pdf_w(wi)) };
+    Some(Lit { wi, light: light.weight * through.color * mis, f })
 }
 
 /// The previous vertex of a path, as far as weighting an emitter that BSDF sampling has found needs it.

@@ -15,6 +15,8 @@ struct Walk {
     ray: Ray,
     /// Segments, this one included.
     depth: u32,
+    /// Whether nothing has scattered yet; holes may have been crossed.
+    first: bool,
     beta: Rgb,
     /// Throughput of light that the next vertex emits; zero where another part already counts it.
     beta_emitted: Rgb,
@@ -75,6 +77,7 @@ impl Eye<'_> {
         let mut next = Some(Walk {
             ray,
             depth: 1,
+            first: true,
             beta: Rgb::ONE,
             beta_emitted: Rgb::ONE,
             emitted_part: |parts| &mut parts.direct,
@@ -88,10 +91,10 @@ impl Eye<'_> {
         });
         while let Some(mut walk) = next.or_else(|| pending.pop()) {
             *rays += 1;
-            seen.smooth |= walk.delta && walk.depth > 1;
-            let hit = match walk.depth {
-                1 => direct::first_hit(self.scene, self.params, walk.ray, rays),
-                _ => self.scene.hit(&walk.ray),
+            seen.smooth |= walk.delta && !walk.first;
+            let hit = match walk.first {
+                true => direct::first_hit(self.scene, self.params, walk.ray, rays),
+                false => self.scene.hit(&walk.ray),
             };
             // By reference: a surface is large.
             let Some(s) = &hit else {
@@ -108,20 +111,25 @@ impl Eye<'_> {
                 next = None;
                 continue;
             };
-            if self.aovs && walk.depth == 1 {
-                seen.set_first(s, &walk.ray);
-                seen.density = self.maps.density(s, scratch);
-            }
             let emitted = direct::emitted(self.scene, s, &walk.ray, &walk.previous);
             sum.iter_mut().for_each(|sum| *(walk.emitted_part)(sum) += walk.beta_emitted * emitted);
             if walk.delta {
                 seen.emitted += walk.beta_emitted * emitted;
             }
+            let may_go_on = walk.depth < self.params.max_segments();
+            if s.is_crossed(sampler) {
+                next = may_go_on.then(|| Walk { ray: s.spawn(walk.ray.d), depth: walk.depth + 1, ..walk });
+                continue;
+            }
+            if self.aovs && walk.first {
+                seen.set_first(s, walk.previous.p);
+                seen.density = self.maps.density(s, scratch);
+            }
             if !walk.known && (s.bsdf.has_smooth() || s.light.is_some()) {
                 walk.known = true;
                 seen.add_surface(walk.beta, s, self.scene);
             }
-            if walk.depth >= self.params.max_segments() || walk.beta == Rgb::ZERO {
+            if !may_go_on || walk.beta == Rgb::ZERO {
                 next = None;
                 continue;
             }
@@ -167,10 +175,11 @@ impl Eye<'_> {
         let (mut caustic, mut indirect) = (Levels::default(), Levels::default());
         let mut direct = Rgb::ZERO;
         if walk.gathering {
-            indirect.fine = self.maps.gather(s, &walk.ray, segments_left, scratch);
+            let distance = (s.p - walk.previous.p).length();
+            indirect.fine = self.maps.gather(s, -walk.ray.d, distance, segments_left, scratch);
         } else {
             (caustic, indirect) = self.maps.seen(self.params, s, -walk.ray.d, segments_left, scratch);
-            if walk.depth == 1 {
+            if walk.first {
                 // The splats show it.
                 caustic.fine = Rgb::ZERO;
             }
@@ -182,7 +191,8 @@ impl Eye<'_> {
             let sharp_only = self.params.direct == DirectLight::Map;
             if self.params.direct == DirectLight::Sample || (sharp_only && s.bsdf.has_rough()) {
                 let other_pdf_w = |wi| pdf_w(s, wo, wi, &scratch.incident);
-                if let Some(lit) = direct::sample_light(self.scene, s, wo, sampler, rays, other_pdf_w) {
+                let lit = direct::sample_light(self.scene, s, wo, segments_left, sampler, rays, other_pdf_w);
+                if let Some(lit) = lit {
                     let shown = match sharp_only {
                         true => s.bsdf.eval(wo, lit.wi, Mode::Radiance, Share::BroadEye),
                         false => Rgb::ZERO,
@@ -212,6 +222,7 @@ impl Eye<'_> {
         let mut next = Walk {
             ray: s.spawn(s.frame.to_world(sample.wi)),
             depth: walk.depth + 1,
+            first: false,
             delta: walk.delta && sample.delta,
             straight: walk.straight && direct::goes_straight(sample, wo),
             eta: walk.eta * sample.eta,

@@ -3,7 +3,7 @@
 use super::plan::Plan;
 use super::{DirectLight, Params};
 use crate::bsdf::Share;
-use crate::math::{Ray, Rgb};
+use crate::math::Rgb;
 use crate::photon::kdtree::KnnHeap;
 use crate::photon::{
     Emission, Estimator, Incident, Irradiance, Levels, Photon, PhotonMap, Photons, Splat, Splatter, Store,
@@ -137,15 +137,22 @@ impl Maps {
         self.final_gather && !self.global.is_empty()
     }
 
-    /// Radiance from a gather ray's hit: all light that arrives there and leaves by broad lobes.
-    pub(super) fn gather(&self, s: &Surface, ray: &Ray, max_depth: u32, scratch: &mut Scratch) -> Rgb {
-        let (wo, max_depth) = (-ray.d, depth_limit(max_depth));
+    /// Radiance towards `wo` (world) from the hit of a gather ray of length `distance`: all light that arrives there and leaves
+    /// by broad lobes.
+    pub(super) fn gather(
+        &self,
+        s: &Surface,
+        wo: Vec3,
+        distance: f32,
+        max_depth: u32,
+        scratch: &mut Scratch,
+    ) -> Rgb {
+        let max_depth = depth_limit(max_depth);
         let ahead = self.irradiance.as_ref().filter(|(_, longest)| *longest == max_depth);
         if let (Some((irradiance, _)), Some(f)) = (ahead, s.bsdf.diffuse_only()) {
             if !s.bsdf.scatters_on(s.frame.to_local(wo)) {
                 return Rgb::ZERO;
             }
-            let distance = (s.p - ray.o).length();
             if let Some(e) = irradiance.near(s, wo, distance, &mut scratch.nearest) {
                 return f * e;
             }

@@ -111,11 +111,11 @@ struct Seen {
 }
 
 impl Seen {
-    /// Takes down the first surface.
-    fn set_first(&mut self, s: &Surface, ray: &Ray) {
+    /// Takes down the first surface, seen from `eye`.
+    fn set_first(&mut self, s: &Surface, eye: Vec3) {
         self.albedo = s.bsdf.albedo();
         self.normal = s.frame.n;
-        self.depth = (s.p - ray.o).length();
+        self.depth = (s.p - eye).length();
     }
 
     /// Adds `s` to the features with `weight`.

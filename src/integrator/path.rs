@@ -73,35 +73,42 @@ pub(super) fn radiance(
     let mut first_delta = false;
     let mut straight = true;
     let max_depth = params.max_segments();
+    // Vertices that have scattered. A crossed hole takes a segment, but is none.
+    let mut bounces = 0;
     for depth in 1..=max_depth {
         *rays += 1;
-        let bounces = depth - 1;
-        let hit = if depth == 1 { direct::first_hit(scene, params, ray, rays) } else { scene.hit(&ray) };
+        let hit = if bounces == 0 { direct::first_hit(scene, params, ray, rays) } else { scene.hit(&ray) };
         let Some(s) = hit else {
             if !(straight && params.hide_emitters) {
                 sum += beta.parts(direct::background(scene, &ray, &previous), bounces, first_delta);
             }
             break;
         };
-        if depth == 1 {
-            seen.set_first(&s, &ray);
-        }
         sum += beta.parts(direct::emitted(scene, &s, &ray, &previous), bounces, first_delta);
+        let is_crossed = s.is_crossed(sampler);
+        if bounces == 0 && !is_crossed {
+            seen.set_first(&s, previous.p);
+        }
         if depth == max_depth {
             break;
         }
+        if is_crossed {
+            ray = s.spawn(ray.d);
+            continue;
+        }
+        bounces += 1;
 
         let wo = s.frame.to_local(-ray.d);
         if s.bsdf.has_smooth() {
-            if let Some(lit) =
-                direct::sample_light(scene, &s, wo, sampler, rays, |wi| s.bsdf.pdf_w(wo, wi, Mode::Radiance))
-            {
+            let by_bsdf = |wi| s.bsdf.pdf_w(wo, wi, Mode::Radiance);
+            let left = max_depth - depth;
+            if let Some(lit) = direct::sample_light(scene, &s, wo, left, sampler, rays, by_bsdf) {
                 let broad = |share| match s.bsdf.has_rough() {
                     true => s.bsdf.eval(wo, lit.wi, Mode::Radiance, share),
                     false => lit.f,
                 };
-                let next = beta.scatter(depth, lit.f, broad(Share::BroadLight), broad(Share::BroadEye));
-                sum += next.parts(lit.light, depth, first_delta);
+                let next = beta.scatter(bounces, lit.f, broad(Share::BroadLight), broad(Share::BroadEye));
+                sum += next.parts(lit.light, bounces, first_delta);
             }
         }
 
@@ -109,14 +116,14 @@ pub(super) fn radiance(
             break;
         };
         beta = if sample.delta {
-            first_delta |= depth == 1;
-            beta.scatter(depth, sample.weight, Rgb::ZERO, Rgb::ZERO)
+            first_delta |= bounces == 1;
+            beta.scatter(bounces, sample.weight, Rgb::ZERO, Rgb::ZERO)
         } else {
             let broad = |share| match s.bsdf.has_rough() {
                 true => s.bsdf.eval(wo, sample.wi, Mode::Radiance, share) / sample.pdf_w,
                 false => sample.weight,
             };
-            beta.scatter(depth, sample.weight, broad(Share::BroadLight), broad(Share::BroadEye))
+            beta.scatter(bounces, sample.weight, broad(Share::BroadLight), broad(Share::BroadEye))
         };
         straight &= direct::goes_straight(&sample, wo);
         eta *= sample.eta;

@@ -143,13 +143,25 @@ pub struct Place<'a> {
     pub p: Vec3,
     /// Geometric normal, as the shape is oriented.
     pub n_g: Vec3,
+    /// Tells the surface from others.
+    pub tag: u8,
     /// The flat polygon that the surface ends with, if it is one.
     pub facet: Option<&'a Facet>,
 }
 
 impl<'a> Place<'a> {
     fn of(s: &Surface<'a>) -> Place<'a> {
-        Place { p: s.p, n_g: s.n_g, facet: s.facet }
+        Place { p: s.p, n_g: s.n_g, tag: s.tag(), facet: s.facet }
+    }
+
+    /// Whether a point at distance² `d2`, on a surface that `is_tagged` as this one, belongs to the same surface as far as its
+    /// position can tell: no leaks around corners, and none between layers.
+    #[inline(always)]
+    pub(super) fn is_beside(&self, p: Vec3, d2: f32, is_tagged: impl FnOnce(u8) -> bool) -> bool {
+        match self.facet {
+            Some(facet) => facet.is_coplanar(p),
+            None => near_plane(self.n_g, p - self.p, d2) && is_tagged(self.tag),
+        }
     }
 }
 
@@ -311,9 +323,9 @@ impl Estimator {
     fn nearest(&self, map: &PhotonMap, place: Place, heap: &mut KnnHeap) -> f32 {
         let side = Direction::new(place.n_g);
         map.tree().nearest_filtered(place.p, self.r_max, heap, |slot, d2| {
-            // Near the tangent plane, and on a surface that faces the same way: no leaks through thin walls or
-            // around corners.
-            near_plane(place.n_g, map.tree().position(slot) - place.p, d2) && map.faces(slot, &side, 0.7)
+            // Also facing the same way: no leaks through thin walls.
+            place.is_beside(map.tree().position(slot), d2, |tag| map.is_on(slot, tag))
+                && map.faces(slot, &side, 0.7)
         });
         if heap.is_full() { heap.max_dist2() } else { self.r_max * self.r_max }
     }

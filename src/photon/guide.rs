@@ -76,8 +76,9 @@ impl Sent {
         let mut sent = Sent { at, weight, aimed: 0.0, seen: 0.0 };
         let Some(start) = at.emit(scene, Store::Caustic) else { return sent };
         let Some(hit) = scene.intersect(&Ray::new(start.o, start.d)) else { return sent };
-        // What lands first from a beam is a caustic already.
-        if scene.material(hit.shape).lobes().sharp || scene.lights.is_beam(start.light) {
+        let lobes = scene.material(hit.shape).lobes();
+        // What lands first from a beam is a caustic already; behind a hole there may be anything.
+        if lobes.sharp || lobes.holes || scene.lights.is_beam(start.light) {
             let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
             let mut traced = Traced::default();
             fly(scene, &start, 1.0, sampler, emission, &mut traced);

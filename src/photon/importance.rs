@@ -73,6 +73,10 @@ fn look(scene: &Scene, sampler: &mut Sampler) -> Vec<Point> {
     let mut points = Vec::new();
     for _ in 0..LONGEST {
         let Some(s) = scene.hit(&ray) else { break };
+        if s.is_crossed(sampler) {
+            ray = s.spawn(ray.d);
+            continue;
+        }
         let wo = s.frame.to_local(-ray.d);
         if s.bsdf.has_smooth() {
             let side = match s.bsdf.transmits() {

@@ -137,7 +137,7 @@ mod tests {
             let mut u = Sampler::new(seed, Stream::GlobalPhotons, 0, index);
             let p = u.next_2d().extend(0.0);
             let flux = Vec3::new(1.0, 0.5, 0.2) * (0.5 + u.next_1d());
-            Photon { p, wi: wi(&mut u), n_g: Vec3::Z, flux, depth: 2, caustic: false }
+            Photon { p, wi: wi(&mut u), n_g: Vec3::Z, tag: 0, flux, depth: 2, caustic: false }
         };
         let map = PhotonMap::new(&(0..n).map(photon).collect::<Vec<_>>());
         let mut found = KnnHeap::new(n as usize);

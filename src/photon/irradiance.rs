@@ -5,7 +5,7 @@
 //! is the nearest for, so that with every fourth of them pictures come out 0.9 % too dark.
 
 use super::PhotonMap;
-use super::estimate::{Estimator, Photons, Site, near_plane};
+use super::estimate::{Estimator, Photons, Site};
 use super::kdtree::{KdTree, KnnHeap};
 use super::octahedral::{Direction, encode8};
 use crate::math::Rgb;
@@ -21,6 +21,8 @@ struct Known {
     radius: f32,
     /// The geometric normal, on the side that the irradiance is meant for.
     n_g: [i8; 2],
+    /// Of the surface.
+    tag: u8,
 }
 
 /// Irradiance at points spread as photons are.
@@ -43,7 +45,7 @@ impl Irradiance {
                 |heap, &i| {
                     let site = &sites[i as usize];
                     let (irradiance, radius) = estimator.irradiance(map, site, what, heap);
-                    Known { irradiance, radius, n_g: encode8(site.n_g()) }
+                    Known { irradiance, radius, n_g: encode8(site.n_g()), tag: site.place.tag }
                 },
             )
             .collect();
@@ -54,11 +56,12 @@ impl Irradiance {
     /// the same surface. `None` where it is farther away than twice its estimate's radius, or where the ray is so short
     /// that one such point might light all of a corner. `heap` is for one neighbour.
     pub fn near(&self, s: &Surface, wo: Vec3, distance: f32, heap: &mut KnnHeap) -> Option<Rgb> {
-        let n = Site::new(s, wo).n_g();
-        let side = Direction::new(n);
+        let site = Site::new(s, wo);
+        let side = Direction::new(site.n_g());
         self.tree.nearest_filtered(s.p, f32::INFINITY, heap, |slot, d2| {
-            near_plane(n, self.tree.position(slot) - s.p, d2)
-                && side.agrees(self.known[slot as usize].n_g, 0.9)
+            let known = &self.known[slot as usize];
+            site.place.is_beside(self.tree.position(slot), d2, |tag| known.tag == tag)
+                && side.agrees(known.n_g, 0.9)
         });
         let (slot, d2) = heap.iter().next()?;
         let known = &self.known[slot as usize];

@@ -1,4 +1,4 @@
-//! The photon map: records of 14 bytes in tree order beside the tree's positions, 28 bytes a photon in all.
+//! The photon map: records of 15 bytes in tree order beside the tree's positions, 27.2 bytes a photon in all.
 
 use super::kdtree::KdTree;
 use super::octahedral::{Direction, decode8, decode16, direction16, encode8, encode16};
@@ -15,6 +15,8 @@ pub struct Photon {
     pub wi: Vec3,
     /// Geometric normal of the surface.
     pub n_g: Vec3,
+    /// Tells the surface from others.
+    pub tag: u8,
     /// Flux, W, already divided by the number of emitted photons.
     pub flux: Rgb,
     /// Segments flown, 1 for a photon straight from its light.
@@ -23,12 +25,14 @@ pub struct Photon {
     pub caustic: bool,
 }
 
-/// A stored photon. Flux is three 16-bit mantissas with one exponent, so any magnitude keeps 16 bits.
+/// A stored photon. Flux is three 16-bit mantissas with one exponent, so any magnitude keeps 16 bits. Of bytes, so that none is
+/// lost to alignment.
 #[derive(Clone, Copy, Debug)]
 struct Record {
-    wi: [i16; 2],
-    mantissa: [u16; 3],
+    wi: [[u8; 2]; 2],
+    mantissa: [[u8; 2]; 3],
     n_g: [i8; 2],
+    tag: u8,
     exponent: u8,
     /// Segments, as far as seven bits count; the eighth marks caustics.
     depth: u8,
@@ -45,18 +49,24 @@ impl Record {
     fn new(photon: &Photon) -> Record {
         // The exponent of the largest channel, so that mantissas stay below 2^16.
         let e = (photon.flux.max_element().to_bits() >> 23).clamp(1, 254) as u8;
-        let mantissa = (photon.flux / exponent_factor(e)).round().to_array().map(|m| m as u16);
+        let mantissa = (photon.flux / exponent_factor(e)).round().to_array();
         Record {
-            wi: encode16(photon.wi),
-            mantissa,
+            wi: encode16(photon.wi).map(i16::to_ne_bytes),
+            mantissa: mantissa.map(|m| (m as u16).to_ne_bytes()),
             n_g: encode8(photon.n_g),
+            tag: photon.tag,
             exponent: e,
             depth: photon.depth.min(!CAUSTIC) | if photon.caustic { CAUSTIC } else { 0 },
         }
     }
 
     fn flux(&self) -> Rgb {
-        Rgb::from_array(self.mantissa.map(f32::from)) * exponent_factor(self.exponent)
+        let mantissa = self.mantissa.map(|m| f32::from(u16::from_ne_bytes(m)));
+        Rgb::from_array(mantissa) * exponent_factor(self.exponent)
+    }
+
+    fn wi(&self) -> [i16; 2] {
+        self.wi.map(i16::from_ne_bytes)
     }
 }
 
@@ -73,8 +83,9 @@ impl Packed {
         let Packed { p, record } = self;
         Photon {
             p: *p,
-            wi: decode16(record.wi),
+            wi: decode16(record.wi()),
             n_g: decode8(record.n_g),
+            tag: record.tag,
             flux: record.flux(),
             depth: record.depth & !CAUSTIC,
             caustic: record.depth & CAUSTIC != 0,
@@ -128,18 +139,23 @@ impl PhotonMap {
 
     /// Direction back along the flight of the photon in `slot`.
     pub fn wi(&self, slot: u32) -> Vec3 {
-        decode16(self.records[slot as usize].wi)
+        decode16(self.records[slot as usize].wi())
     }
 
     /// The same, of a length between 0.57 and 1.
     pub(super) fn direction(&self, slot: u32) -> Vec3 {
-        direction16(self.records[slot as usize].wi)
+        direction16(self.records[slot as usize].wi())
     }
 
     /// Whether the geometric normal under the photon in `slot` makes an angle with `n` whose cosine exceeds `cos`, give or
     /// take a degree.
     pub(super) fn faces(&self, slot: u32, n: &Direction, cos: f32) -> bool {
         n.agrees(self.records[slot as usize].n_g, cos)
+    }
+
+    /// Whether the photon in `slot` may lie on the surface with `tag`.
+    pub(super) fn is_on(&self, slot: u32, tag: u8) -> bool {
+        self.records[slot as usize].tag == tag
     }
 
     /// Flux of the photon in `slot`.
@@ -164,15 +180,23 @@ mod tests {
 
     #[test]
     fn flux_keeps_sixteen_bits_at_any_magnitude() {
-        assert_eq!(std::mem::size_of::<Record>(), 14);
+        assert_eq!(std::mem::size_of::<Record>(), 15);
         for magnitude in [1e-30f32, 1e-7, 1.0, 3.999_999, 4.0, 1e20, 3e38] {
             let flux = Rgb::new(1.0, 0.37, 0.0) * magnitude;
-            let photon = Photon { p: Vec3::ZERO, wi: Vec3::Z, n_g: Vec3::Z, flux, depth: 1, caustic: false };
+            let photon =
+                Photon { p: Vec3::ZERO, wi: Vec3::Z, n_g: Vec3::Z, tag: 0, flux, depth: 1, caustic: false };
             let error = (Record::new(&photon).flux() - flux).abs().max_element();
             assert!(error <= magnitude * 2f32.powi(-15), "{magnitude}: {error}");
         }
-        let dark =
-            Photon { p: Vec3::ZERO, wi: Vec3::Z, n_g: Vec3::Z, flux: Rgb::ZERO, depth: 1, caustic: false };
+        let dark = Photon {
+            p: Vec3::ZERO,
+            wi: Vec3::Z,
+            n_g: Vec3::Z,
+            tag: 0,
+            flux: Rgb::ZERO,
+            depth: 1,
+            caustic: false,
+        };
         assert_eq!(Record::new(&dark).flux(), Rgb::ZERO);
     }
 }

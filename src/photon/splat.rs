@@ -27,12 +27,13 @@ pub struct Splatter<'a> {
 
 impl Splatter<'_> {
     /// Adds what a photon of `flux` that arrived at `s` from `wi` (world) shows on the film by the lobes that the eye
-    /// sees as broad. Returns the number of rays that took.
+    /// sees as broad, through as many holes as there are `segments_left` to cross them. Returns the number of rays that took.
     pub(super) fn show(
         &self,
         s: &Surface,
         wi: Vec3,
         flux: Rgb,
+        segments_left: u32,
         sampler: &mut Sampler,
         out: &mut Vec<Splat>,
     ) -> u64 {
@@ -58,8 +59,11 @@ impl Splatter<'_> {
         if !lit {
             return 0;
         }
-        let (visible, rays) = self.visible(s, seen.lens);
-        if visible {
+        let mut rays = 0;
+        let d = (seen.lens - s.p).normalize();
+        let through = self.scene.transmittance(s, d, Some(seen.lens), self.hide_emitters, &mut rays);
+        if through.color != Rgb::ZERO && through.crossings <= segments_left {
+            let value = value * through.color;
             for y in rows {
                 for x in columns.clone() {
                     let density = film.filter.density(at - Vec2::new(x as f32, y as f32));
@@ -70,22 +74,5 @@ impl Splatter<'_> {
             }
         }
         rays
-    }
-
-    /// Whether the camera sees `s` through the lens point `lens`, and the rays it took to find out.
-    fn visible(&self, s: &Surface, lens: Vec3) -> (bool, u64) {
-        let mut ray = s.spawn_to(lens);
-        if !self.hide_emitters {
-            return (!self.scene.occluded(&ray), 1);
-        }
-        let mut rays = 1;
-        while let Some(s) = self.scene.hit(&ray) {
-            if s.light.is_none() {
-                return (false, rays);
-            }
-            ray = s.spawn_to(lens);
-            rays += 1;
-        }
-        (true, rays)
     }
 }

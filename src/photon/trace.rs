@@ -126,6 +126,9 @@ impl Start {
     }
 }
 
+/// Photons that have crossed more holes are given up: they are caught between surfaces that rounding does not part.
+const MOST_CROSSINGS: u32 = 1 << 12;
+
 /// Follows one photon of `scale` times its flux.
 pub(super) fn fly<'a>(
     scene: &'a Scene,
@@ -141,32 +144,53 @@ pub(super) fn fly<'a>(
     // The share of the flux that has met only sharp lobes so far.
     let mut caustic = flux;
     let beam = scene.lights.is_beam(start.light);
-    for depth in 1..=max_depth.min(u8::MAX as u32) {
+    // Segments, but for those that end in holes before the light has met anything, as no shadow ray counts them.
+    let mut depth = 0;
+    let mut has_scattered = false;
+    let mut crossed = 0;
+    while depth < max_depth.min(u8::MAX as u32) {
+        depth += 1;
         out.rays += 1;
         let hit = scene.hit(&ray);
         let Some(s) = &hit else { return };
         let wi = -ray.d;
-        if store == Store::Sites {
+        // A photon tells what arrives, whether it then meets the surface or not.
+        let opacity = s.bsdf.opacity();
+        if opacity == 0.0 {
+            // Nothing is there.
+        } else if store == Store::Sites {
             if s.bsdf.diffuse_only().is_some() {
                 out.sites.push(Site::new(s, wi));
             }
         } else if s.bsdf.has_smooth() {
             let mut push = |flux: Rgb, caustic| {
                 if flux.max_element() > 0.0 {
-                    let photon = Photon { p: s.p, wi, n_g: s.n_g, flux, depth: depth as u8, caustic };
+                    let photon =
+                        Photon { p: s.p, wi, n_g: s.n_g, tag: s.tag(), flux, depth: depth as u8, caustic };
                     out.photons.push(photon.into());
                 }
             };
-            let shown = if depth == 1 && !beam { Rgb::ZERO } else { caustic };
+            let shown = if has_scattered || beam { caustic } else { Rgb::ZERO };
             push(shown, true);
             if store == Store::All {
                 push((flux - shown).max(Rgb::ZERO), false);
             }
             if let Some(splatter) = splatter.filter(|_| shown.max_element() > 0.0) {
-                out.rays += splatter.show(s, wi, shown, sampler, &mut out.splats);
+                out.rays +=
+                    splatter.show(s, wi, shown * opacity, max_depth - depth, sampler, &mut out.splats);
             }
         }
 
+        if s.is_crossed(sampler) {
+            crossed += 1;
+            if crossed > MOST_CROSSINGS {
+                return;
+            }
+            depth -= u32::from(!has_scattered);
+            ray = s.spawn(ray.d);
+            continue;
+        }
+        has_scattered = true;
         let (u_lobe, u, u_rr) = (sampler.next_1d(), sampler.next_2d(), sampler.next_1d());
         let wo = s.frame.to_local(wi);
         let Some(sample) = s.bsdf.sample(wo, u_lobe, u, Mode::Flux) else { return };

@@ -50,6 +50,8 @@ impl Scene {
             facets: _,
             shape_light: _,
             shape_wanted: _,
+            shape_holes: _,
+            has_holes: _,
             intersector: _,
         } = self;
         let mut hasher = Hasher(Xxh3::new());

@@ -49,12 +49,18 @@ pub struct Lobes {
     pub smooth: bool,
     /// Delta or rough lobes, which can focus light: caustics are possible.
     pub sharp: bool,
+    /// Holes that light goes through as if nothing were there.
+    pub holes: bool,
 }
 
 impl Lobes {
     /// What either has.
     pub fn union(self, other: Lobes) -> Lobes {
-        Lobes { smooth: self.smooth | other.smooth, sharp: self.sharp | other.sharp }
+        Lobes {
+            smooth: self.smooth | other.smooth,
+            sharp: self.sharp | other.sharp,
+            holes: self.holes | other.holes,
+        }
     }
 }
 
@@ -325,10 +331,10 @@ impl Material {
     /// The kinds of lobes it has.
     pub fn lobes(&self) -> Lobes {
         let (smooth, sharp) = match self {
-            Material::Null
-            | Material::Conductor { .. }
-            | Material::Dielectric { .. }
-            | Material::ThinDielectric { .. } => (false, true),
+            Material::Null => return Lobes { holes: true, ..Lobes::default() },
+            Material::Conductor { .. } | Material::Dielectric { .. } | Material::ThinDielectric { .. } => {
+                (false, true)
+            }
             // As lamps often are.
             Material::Diffuse { reflectance: Color::Constant(Vec3::ZERO) } => (false, false),
             Material::Diffuse { .. }
@@ -346,12 +352,14 @@ impl Material {
                 return back.iter().fold(front.lobes(), |lobes, back| lobes.union(back.lobes()));
             }
             Material::Blend { nested: [first, second], .. } => return first.lobes().union(second.lobes()),
-            Material::Coated { rough, nested, .. } => (rough.is_some() || nested.lobes().smooth, true),
+            Material::Coated { rough, nested, .. } => {
+                let nested = nested.lobes();
+                return Lobes { smooth: rough.is_some() || nested.smooth, sharp: true, ..nested };
+            }
             Material::NormalMap { nested, .. } | Material::BumpMap { nested, .. } => return nested.lobes(),
-            // Light goes straight through the holes.
-            Material::Mask { nested, .. } => (nested.lobes().smooth, true),
+            Material::Mask { nested, .. } => return Lobes { holes: true, ..nested.lobes() },
         };
-        Lobes { smooth, sharp }
+        Lobes { smooth, sharp, holes: false }
     }
 
     /// Whether the shading frame must be aligned with ∂p/∂u.

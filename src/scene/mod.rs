@@ -96,6 +96,9 @@ pub struct Scene {
     shape_material: Vec<u32>,
     shape_light: Vec<Option<u32>>,
     shape_wanted: Vec<Wanted>,
+    /// Whether it has holes.
+    shape_holes: Vec<bool>,
+    has_holes: bool,
     intersector: Box<dyn Intersector>,
 }
 
@@ -116,12 +119,39 @@ pub struct Surface<'a> {
     pub light: Option<u32>,
     /// The shape.
     pub shape: u32,
+    /// The instance that the shape is part of, if any.
+    pub instance: u32,
     /// The flat polygon that the surface ends with, if it is one.
     pub facet: Option<&'a Facet>,
     magnitude: f32,
 }
 
+/// What gets through between two points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transmittance {
+    /// The share of light, per channel.
+    pub color: Rgb,
+    /// How many surfaces it crosses through their holes.
+    pub crossings: u32,
+}
+
 impl Surface<'_> {
+    /// Tells photons on this shape from those on others, but for one pair of shapes in 256.
+    pub fn tag(&self) -> u8 {
+        // Fibonacci hashing (Knuth 1998, section 6.4): neighbours differ.
+        let id = self.shape.wrapping_add(self.instance.wrapping_mul(0x85eb_ca6b));
+        (id.wrapping_mul(0x9e37_79b9) >> 24) as u8
+    }
+
+    /// Whether a path crosses the surface through one of its holes.
+    pub fn is_crossed(&self, sampler: &mut Sampler) -> bool {
+        match self.bsdf.opacity() {
+            1.0 => false,
+            0.0 => true,
+            opacity => sampler.next_1d() >= opacity,
+        }
+    }
+
     /// A ray that leaves the surface in world direction `d`.
     pub fn spawn(&self, d: Vec3) -> Ray {
         Ray::new(offset_origin(self.p, self.n_g, d, self.magnitude), d)
@@ -175,6 +205,8 @@ impl Scene {
         };
         let shape_wanted = d.shape_material.iter().zip(&shape_light).map(wanted).collect();
         let facets = Facets::new(&d.geometry);
+        let shape_holes: Vec<bool> =
+            d.shape_material.iter().map(|&m| d.materials[m as usize].lobes().holes).collect();
         Ok(Scene {
             geometry: d.geometry,
             textures: d.textures,
@@ -189,6 +221,8 @@ impl Scene {
             shape_material: d.shape_material,
             shape_light,
             shape_wanted,
+            has_holes: shape_holes.contains(&true),
+            shape_holes,
             intersector,
         })
     }
@@ -231,9 +265,42 @@ impl Scene {
         self.intersect(ray).map(|hit| self.surface(ray, &hit))
     }
 
-    /// Whether anything lies on the ray.
-    pub fn occluded(&self, ray: &Ray) -> bool {
-        self.intersector.occluded(ray)
+    /// What of the light between `from` and `target`, or along `d` if that is infinitely far away, gets through holes; with
+    /// `through_lights`, also through area lights, whatever they are made of. `rays` counts what is traced.
+    pub fn transmittance(
+        &self,
+        from: &Surface,
+        d: Vec3,
+        target: Option<Vec3>,
+        through_lights: bool,
+        rays: &mut u64,
+    ) -> Transmittance {
+        let leave = |s: &Surface| target.map_or_else(|| s.spawn(d), |target| s.spawn_to(target));
+        let mut ray = leave(from);
+        let mut through = Transmittance { color: Rgb::ONE, crossings: 0 };
+        let nothing = Transmittance { color: Rgb::ZERO, crossings: 0 };
+        *rays += 1;
+        if !self.has_holes && !through_lights {
+            return if self.intersector.occluded(&ray) { nothing } else { through };
+        }
+        while let Some(hit) = self.intersect(&ray) {
+            let shape = hit.shape as usize;
+            let is_hidden = through_lights && self.shape_light[shape].is_some();
+            if !is_hidden && !self.shape_holes[shape] {
+                return nothing;
+            }
+            let s = self.surface(&ray, &hit);
+            if !is_hidden {
+                through.color *= 1.0 - s.bsdf.opacity();
+                through.crossings += 1;
+                if through.color == Rgb::ZERO {
+                    return nothing;
+                }
+            }
+            ray = leave(&s);
+            *rays += 1;
+        }
+        through
     }
 
     /// Shading data of a hit.
@@ -270,6 +337,7 @@ impl Scene {
             bsdf: material.bsdf(&self.textures, &site),
             light: self.shape_light[hit.shape as usize],
             shape: hit.shape,
+            instance: hit.instance,
             facet: self.facets.at(hit.shape, hit.primitive, point.p),
             magnitude: point.magnitude,
         }

@@ -28,6 +28,8 @@ pub struct Facet {
     s: Vec3,
     t: Vec3,
     edges: Vec<Edge>,
+    /// How far off the plane points of the surface may be found.
+    thickness: f32,
     /// Smaller facets that it consists of.
     pub(super) parting: Option<Parting>,
 }
@@ -66,6 +68,12 @@ impl Facet {
 
     pub(super) fn origin(&self) -> Vec3 {
         self.origin
+    }
+
+    /// Whether `p` lies in the plane, as far as the surface does and rounding can tell.
+    pub fn is_coplanar(&self, p: Vec3) -> bool {
+        let v = p - self.origin;
+        v.dot(self.normal()).abs() <= self.thickness
     }
 
     /// Where a point of the plane lies in space.
@@ -256,10 +264,16 @@ fn of_mesh(mesh: &Mesh) -> (Vec<Facet>, Vec<u32>) {
         }
         let [origin, ..] = mesh.vertices(seed as u32);
         let (s, t) = normal.as_vec3().any_orthonormal_pair();
-        let mut facet = Facet { origin, s, t, edges: Vec::with_capacity(ends.len()), parting: None };
+        let edges = Vec::with_capacity(ends.len());
+        let mut facet = Facet { origin, s, t, edges, thickness: 0.0, parting: None };
+        let normal = facet.normal();
         for &(triangle, k) in &ends {
             let v = mesh.vertices(triangle);
             facet.edges.push([v[k], v[(k + 1) % 3]].map(|p| facet.project(p)));
+            // A photon's position is good to a few ulps, and so is the normal over the facet's extent.
+            let rounding = 64.0 * f32::EPSILON * v[k].abs().max_element();
+            let off = (v[k] - origin).dot(normal).abs();
+            facet.thickness = facet.thickness.max(2.0 * off + rounding);
         }
         members.iter().for_each(|&t| of[t as usize] = facets.len() as u32);
         facets.push(facet);

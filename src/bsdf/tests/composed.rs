@@ -2,7 +2,7 @@
 
 use super::*;
 
-const RULES: [Perturbation; 4] = [
+pub(super) const RULES: [Perturbation; 4] = [
     Perturbation { flip_invalid: true, shadowing: true },
     Perturbation { flip_invalid: false, shadowing: false },
     Perturbation { flip_invalid: true, shadowing: false },
@@ -59,8 +59,6 @@ fn blends_are_sums() {
         assert!(blend.has_smooth() && !blend.has_delta() && !blend.transmits());
         assert!((blend.albedo() - a.albedo().lerp(b.albedo(), w)).length() < 1e-6);
     }
-    let both = Bsdf::blend(Bsdf::null(), Bsdf::diffuse(PAINT), 0.25);
-    assert!(both.has_smooth() && both.has_delta() && both.transmits() && both.diffuse_only().is_none());
 }
 
 /// A layer without a surface of its own changes nothing; others take the same from light in both directions.

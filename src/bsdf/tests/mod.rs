@@ -44,7 +44,6 @@ fn bsdfs() -> Vec<(&'static str, Bsdf<'static>)> {
     let metal = |m, tint| Bsdf::rough_conductor(METAL_ETA, METAL_K, m, tint);
     let glass = |eta, m| Bsdf::rough_dielectric(eta, m, Rgb::ONE, Rgb::ONE);
     let mut bsdfs = vec![
-        ("null", Bsdf::null()),
         ("diffuse", diffuse.clone()),
         ("two_sided_diffuse", diffuse.clone().two_sided()),
         ("masked_diffuse", diffuse.masked(0.3)),
@@ -496,25 +495,30 @@ fn broad_and_sharp_shares_sum_up() {
 }
 
 #[test]
-fn masks_let_light_through() {
-    let bsdf = Bsdf::diffuse(PAINT).masked(0.3);
+fn holes_multiply_and_come_out_of_whatever_is_around_them() {
+    let (plain, masked) = (Bsdf::diffuse(PAINT), Bsdf::diffuse(PAINT).masked(0.3));
+    assert_eq!((plain.opacity(), masked.opacity(), Bsdf::null().opacity()), (1.0, 0.3, 0.0));
+    assert_eq!(masked.clone().masked(0.5).opacity(), 0.15);
+    assert_eq!(masked.clone().two_sided().opacity(), 0.3);
+    let tilted = masked.clone().perturbed(Vec3::new(0.6, 0.0, 0.8), Vec3::X, composed::RULES[0]);
+    assert_eq!(tilted.opacity(), 0.3);
+    // All else is about what is there.
     let (wo, wi) = (Vec3::new(0.6, 0.0, 0.8), Vec3::new(0.0, 0.6, 0.8));
-    for wo in [wo, -wo] {
-        let s = bsdf.sample(wo, 0.3, Vec2::splat(0.4), Mode::Radiance).unwrap();
-        assert_eq!((s.wi, s.weight, s.delta, s.eta), (-wo, Rgb::ONE, true, 1.0));
-    }
-    let s = bsdf.sample(wo, 0.29, Vec2::splat(0.4), Mode::Radiance).unwrap();
-    assert!(!s.delta && (s.weight - PAINT).length() < 1e-6);
-    assert!(bsdf.sample(-wo, 0.29, Vec2::splat(0.4), Mode::Radiance).is_none());
-    let opaque = Bsdf::diffuse(PAINT);
     let eval = |b: &Bsdf| b.eval(wo, wi, Mode::Flux, Share::All);
-    assert!((eval(&bsdf) - 0.3 * eval(&opaque)).length() < 1e-6);
-    assert!((bsdf.pdf_w(wo, wi, Mode::Flux) - 0.3 * opaque.pdf_w(wo, wi, Mode::Flux)).abs() < 1e-6);
-    // Masks multiply, and a mask of a mask of nothing is nothing.
-    assert!((eval(&bsdf.clone().masked(0.5)) - 0.15 * eval(&opaque)).length() < 1e-6);
-    let hole = bsdf.masked(0.0);
-    assert!(hole.is_null() && !hole.has_smooth());
-    assert!(hole.sample(wo, 0.0, Vec2::ZERO, Mode::Flux).unwrap().delta);
+    assert_eq!(eval(&masked), eval(&plain));
+    // Opacity and scattering of a blend with a hole are those of the blend, the hole apart.
+    for weight in [0.0, 0.1, 0.25, 0.7, 1.0] {
+        let solid = Bsdf::blend(plain.clone(), plain.clone(), weight);
+        assert_eq!(solid.opacity(), 1.0);
+        let half = Bsdf::blend(masked.clone(), Bsdf::conductor(METAL_ETA, METAL_K, Rgb::ONE), weight);
+        let opacity = (1.0 - weight) * 0.3 + weight;
+        assert!((half.opacity() - opacity).abs() < 1e-6);
+        let expected = eval(&plain) * (1.0 - weight) * 0.3;
+        assert!((eval(&half) * half.opacity() - expected).length() < 1e-6, "{weight}");
+        assert_eq!(half.has_delta(), weight > 0.0);
+    }
+    let curtain = Bsdf::blend(Bsdf::null(), plain, 0.25);
+    assert!(curtain.opacity() == 0.25 && curtain.diffuse_only() == masked.diffuse_only());
 }
 
 #[test]
@@ -548,8 +552,7 @@ fn predicates() {
         let rough = is_any(name, &["rough", "principled", "phong", "ward", "oren_nayar", "transmitter"]);
         let diffuse = name.contains("diffuse");
         assert_eq!(bsdf.has_smooth(), rough || diffuse || name.contains("plastic"), "{name}");
-        assert_eq!(bsdf.has_delta(), !(rough || diffuse) || name.contains("masked"), "{name}");
-        assert_eq!(bsdf.is_null(), name == "null");
+        assert_eq!(bsdf.has_delta(), !(rough || diffuse), "{name}");
         assert_eq!(bsdf.diffuse_only().is_some(), diffuse, "{name}");
         let albedo = bsdf.albedo();
         assert!(albedo.min_element() > 0.0 && albedo.max_element() <= 1.0, "{name}: {albedo}");
@@ -596,7 +599,6 @@ fn split_lobes_are_the_sampled_ones_weighted_by_their_probability() {
                 assert!((lobe.weight - mean).abs().max_element() < 2e-4, "{} {mean}", lobe.weight);
             }
         }
-        assert!(bsdf.masked(0.5).split(Vec3::Z, Mode::Radiance).is_none());
     }
     // Total reflection leaves one lobe.
     assert!(glass.split(Vec3::new(0.9, 0.0, -0.19f32.sqrt()), Mode::Radiance).is_none());
