@@ -29,6 +29,10 @@ const PAD: usize = R + 1;
 /// Keeps slopes near zero that nothing in the picture determines. A pixel weighs 1 at most.
 const RIDGE: f64 = 1e-3;
 
+/// The least share of itself that an unknown's pivot may be left with: what is less is rounding, for 225 products were added in
+/// f32, and a root of it would blow up all that follow.
+const DETERMINED: f64 = 2e-5;
+
 /// Features that differ more do not tell more: slopes must not outweigh the constant where little is known of either.
 const FAR: f32 = 2.0;
 
@@ -259,6 +263,7 @@ fn add_product(sum: &mut [f32], a: &[f32], b: &[f32]) {
 }
 
 /// The constants of the regressions at [`LANES`] pixels: by Cholesky decomposition, where the last unknown is known first.
+/// Slopes that nothing determines are zero; a constant that the slopes cannot be told from is the weighted mean.
 #[inline(always)]
 fn constants(sums: &[[f32; TILE[0]]; ENTRIES], first: usize) -> [[f32; 3]; LANES] {
     // In f64: the constant's pivot is a small difference where one pixel is all there is.
@@ -267,6 +272,7 @@ fn constants(sums: &[[f32; TILE[0]]; ENTRIES], first: usize) -> [[f32; 3]; LANES
     let mut z = [[[0.0; LANES]; 3]; K];
     let mut entries =
         sums.iter().map(|sums| -> Lanes { std::array::from_fn(|i| f64::from(sums[first + i])) });
+    let (mut weight, mut means) = ([0.0; LANES], [[0.0; LANES]; 3]);
     let mut next = || entries.next().unwrap_or([0.0; LANES]);
     let subtract = |s: &mut Lanes, a: &Lanes, b: &Lanes| {
         for ((s, a), b) in s.iter_mut().zip(a).zip(b) {
@@ -276,18 +282,25 @@ fn constants(sums: &[[f32; TILE[0]]; ENTRIES], first: usize) -> [[f32; 3]; LANES
     for k in 0..K {
         for j in 0..=k {
             let mut s = next();
+            let whole = s;
             for (a, b) in l[k][..j].iter().zip(&l[j]) {
                 subtract(&mut s, a, b);
             }
+            weight = whole;
             let ridge = if k + 1 < K { RIDGE } else { 0.0 };
             l[k][j] = match j == k {
-                true => s.map(|s| (s + ridge).max(1e-9).sqrt()),
+                true => std::array::from_fn(|i| {
+                    let (pivot, whole) = (s[i] + ridge, whole[i] + ridge);
+                    // A division by infinity leaves nothing.
+                    if pivot > DETERMINED * whole { pivot.sqrt() } else { f64::INFINITY }
+                }),
                 false => std::array::from_fn(|i| s[i] / l[j][j][i]),
             };
         }
         let (known, rest) = z.split_at_mut(k);
         for (channel, z) in rest[0].iter_mut().enumerate() {
             let mut s = next();
+            means[channel] = s;
             for (z, l) in known.iter().zip(&l[k]) {
                 subtract(&mut s, &z[channel], l);
             }
@@ -295,13 +308,41 @@ fn constants(sums: &[[f32; TILE[0]]; ENTRIES], first: usize) -> [[f32; 3]; LANES
         }
     }
     let (z, l) = (&z[K - 1], &l[K - 1][K - 1]);
-    std::array::from_fn(|i| [0, 1, 2].map(|channel| (z[channel][i] / l[i]).max(0.0) as f32))
+    std::array::from_fn(|i| {
+        [0, 1, 2].map(|channel| {
+            let constant = match l[i].is_finite() {
+                true => z[channel][i] / l[i],
+                false => means[channel][i] / weight[i],
+            };
+            constant.max(0.0) as f32
+        })
+    })
 }
 
 #[cfg(all(test, target_arch = "x86_64"))]
 mod tests {
     use super::*;
     use crate::math::{Sampler, Stream};
+
+    /// Features that repeat each other leave pivots that are rounding; what is smoothed stays within what was there.
+    #[test]
+    fn features_that_say_the_same_do_not_blow_up() {
+        let size = (40, 24);
+        for seed in 0..20 {
+            let random = |i: usize, n: u64| Sampler::new(seed, Stream::Eye, n, i as u64).next_1d();
+            let input = |i: usize, half: u64| {
+                let f = 3.0 * random(i, 10 + half);
+                let value = [0, 1, 2].map(|c| 0.5 + random(i, 3 * half + c));
+                Input { value, features: [f, f, -f, 2.0 * f, f, -1.5 * f] }
+            };
+            let inputs: Vec<[Input; 2]> = (0..size.0 * size.1).map(|i| [0, 1].map(|h| input(i, h))).collect();
+            let variance = vec![[0.1; 3]; inputs.len()];
+            let precise = vec![[2.9; FEATURES]; inputs.len()];
+            let smoothed = smooth(size, &inputs, &variance, &precise);
+            let worst = smoothed.iter().flatten().flatten().fold(0.0, |a: f32, &v| a.max(v));
+            assert!(worst < 20.0 && smoothed.iter().flatten().flatten().all(|v| v.is_finite()), "{worst}");
+        }
+    }
 
     /// Wider registers change no bit.
     #[test]
