@@ -95,6 +95,7 @@ pub(super) struct Stats<'a> {
     rays_per_second: f64,
     photons: PhotonCounts,
     skipped: &'a [Skipped],
+    dropped_samples: u64,
     estimated_relative_error: f64,
     estimated_noise: f64,
     estimated_bias: f64,
@@ -125,7 +126,7 @@ pub(super) struct Run {
 
 impl<'a> Stats<'a> {
     pub(super) fn new(origin: &'a Origin, run: &Run, state: &'a State, rendering: &Rendering) -> Stats<'a> {
-        let Statistics { seconds, rays, photons, skipped } = &state.statistics;
+        let Statistics { seconds, rays, photons, skipped, dropped } = &state.statistics;
         let (load, build) = run.seconds;
         Stats {
             version: env!("CARGO_PKG_VERSION"),
@@ -151,6 +152,7 @@ impl<'a> Stats<'a> {
             rays_per_second: *rays as f64 / seconds.rendering.max(1e-9),
             photons: *photons,
             skipped,
+            dropped_samples: *dropped,
             estimated_relative_error: rendering.error.total(),
             estimated_noise: rendering.error.noise,
             estimated_bias: rendering.error.bias,
@@ -180,6 +182,15 @@ impl<'a> Stats<'a> {
             self.rays_per_second * 1e-6,
             self.peak_rss_bytes >> 20
         ));
+        if self.dropped_samples > 0 {
+            let n = self.dropped_samples;
+            verbosity.note(
+                "warning: ",
+                &format!(
+                    "{n} camera samples came to no finite number and were left out; please report the scene"
+                ),
+            );
+        }
         let error = RelativeError { noise: self.estimated_noise, bias: self.estimated_bias };
         // Passes of one half only tell nothing.
         let error = if error.total() > 0.0 { format!(", {}", error_text(&error)) } else { String::new() };

@@ -266,8 +266,9 @@ pub struct Resolved {
     pub error: RelativeError,
     /// For each pixel the share of the fine level.
     fine: Vec<f32>,
-    /// For each pixel the picture over the mean of its passes, mixed so.
-    gain: Vec<Vec3>,
+    /// For each pixel the picture over the mean of its passes, mixed so, and what is to be added to that where the passes have
+    /// shown next to nothing.
+    gain: Vec<(Vec3, Vec3)>,
 }
 
 /// Estimated error of a picture: square roots of mean squares relative to the picture's values, as in `relmse`.
@@ -538,7 +539,10 @@ impl Film {
             image.push(value.as_vec3());
             noises.push((relative_variance * (value * value + FLOOR)).map(f64::sqrt).as_vec3());
             let passes = mean[pixel] + self.estimate(pixel, self.levels).value;
-            gain.push((value / passes).as_vec3().map(|gain| if gain.is_finite() { gain } else { 1.0 }));
+            // A larger factor would leave rounding of the layers behind.
+            let scaled = passes.abs().cmpgt(value.abs() * 1e-3);
+            let factor = DVec3::select(scaled, value / passes, DVec3::ONE);
+            gain.push((factor.as_vec3(), DVec3::select(scaled, DVec3::ZERO, value - passes).as_vec3()));
         }
         let mean = |sum: f64| if halves { (sum / (3 * n).max(1) as f64).sqrt() } else { 0.0 };
         let picture = |pixels| Image { width: self.width, height: self.height, pixels };
@@ -646,19 +650,25 @@ impl Film {
         self.mixed_layer(layer, layer, None)
     }
 
-    /// Two layers that are levels of one, mixed as the picture is.
-    pub fn layer_of_levels(&self, wide: usize, fine: usize, resolved: &Resolved) -> Image {
-        self.mixed_layer(wide, fine, Some(resolved))
+    /// Two layers that are levels of one, mixed as the picture is. Of all layers that add up to it, one takes the `rest` that
+    /// no factor on the others can bring about.
+    pub fn layer_of_levels(&self, wide: usize, fine: usize, resolved: &Resolved, rest: bool) -> Image {
+        self.mixed_layer(wide, fine, Some((resolved, rest)))
     }
 
-    fn mixed_layer(&self, wide: usize, fine: usize, resolved: Option<&Resolved>) -> Image {
+    fn mixed_layer(&self, wide: usize, fine: usize, resolved: Option<(&Resolved, bool)>) -> Image {
         let scale = 1.0 / self.passes().max(1) as f64;
         let pixels = (0..self.width * self.height).map(|pixel| {
             let layers = &self.pixel(pixel)[2 * self.block()..];
             let (wide, fine) = (layers[wide].value() * scale, layers[fine].value() * scale);
-            let (share, gain) =
-                resolved.map_or((0.0, Vec3::ONE), |r| (f64::from(r.fine[pixel]), r.gain[pixel]));
-            (wide + (fine - wide) * share).as_vec3() * gain
+            let (share, (gain, rest)) = match resolved {
+                None => (0.0, (Vec3::ONE, Vec3::ZERO)),
+                Some((resolved, has_rest)) => {
+                    let (gain, rest) = resolved.gain[pixel];
+                    (f64::from(resolved.fine[pixel]), (gain, if has_rest { rest } else { Vec3::ZERO }))
+                }
+            };
+            (wide + (fine - wide) * share).as_vec3() * gain + rest
         });
         Image { width: self.width, height: self.height, pixels: pixels.collect() }
     }

@@ -58,6 +58,9 @@ pub struct Statistics {
     pub photons: PhotonCounts,
     /// Stages that were not needed.
     pub skipped: Vec<Skipped>,
+    /// Camera samples that were left out because they came to no finite number.
+    #[serde(default)]
+    pub dropped: u64,
 }
 
 impl AddAssign<&Statistics> for Statistics {
@@ -72,6 +75,7 @@ impl AddAssign<&Statistics> for Statistics {
         add(&mut self.photons.emitted, o.photons.emitted);
         add(&mut self.photons.global_stored, o.photons.global_stored);
         add(&mut self.photons.caustic_stored, o.photons.caustic_stored);
+        add(&mut self.dropped, o.dropped);
     }
 }
 
@@ -295,7 +299,7 @@ impl State {
         let resolved = film.resolve();
         let mut layers = Vec::new();
         if self.layout.aovs {
-            let mixed = |[wide, fine]: [usize; 2]| film.layer_of_levels(wide, fine, &resolved);
+            let mixed = |[wide, fine]: [usize; 2]| film.layer_of_levels(wide, fine, &resolved, false);
             let scalars = film.layer(layer::SCALARS);
             let mut add = |name: &str, image, channels| {
                 layers.push(Layer { name: name.into(), image, channels });
@@ -303,7 +307,9 @@ impl State {
             add("direct", mixed([layer::DIRECT; 2]), Channels::Rgb);
             add("specular", mixed(layer::SPECULAR), Channels::Rgb);
             add("caustic", mixed(layer::CAUSTIC), Channels::Rgb);
-            add("indirect", mixed(layer::INDIRECT), Channels::Rgb);
+            // What only neighbours have seen is indirect light most of the time.
+            let [wide, fine] = layer::INDIRECT;
+            add("indirect", film.layer_of_levels(wide, fine, &resolved, true), Channels::Rgb);
             add("albedo", film.layer(layer::ALBEDO), Channels::Rgb);
             add("normal", film.layer(layer::NORMAL), Channels::Xyz);
             add("depth", scalars.map(|v| Rgb::splat(v.x)), Channels::Z);
@@ -332,20 +338,26 @@ impl State {
         let splats = maps.as_mut().map_or(Vec::new(), |maps| std::mem::take(&mut maps.splats));
         let (x0, y0, ..) = scene.film.crop;
         let pixel =
-            |x: usize, y: usize, sample: u64, (scratch, rays): &mut (Scratch, u64), out: &mut Values| {
+            |x: usize, y: usize, sample: u64, (scratch, counts): &mut (Scratch, Counts), out: &mut Values| {
                 let (x, y) = (x0 + x as u32, y0 + y as u32);
                 let pixel = y as u64 * scene.film.size.0 as u64 + x as u64;
                 let set = 2 * pixel + u64::from(film::half(index));
                 let mut sampler = Sampler::new(options.seed, Stream::Eye, set, sample);
                 let ray = scene.camera_ray((x, y), &mut sampler);
                 let mut seen = Seen::default();
-                let shown = match &maps {
+                let rays = &mut counts.rays;
+                let mut shown = match &maps {
                     Some(maps) => {
                         let eye = Eye { scene, params, maps, aovs: options.aovs };
                         eye.radiance(ray, &mut sampler, scratch, &mut seen, rays)
                     }
                     None => [path::radiance(scene, params, ray, &mut sampler, &mut seen, rays); 2],
                 };
+                if !(shown.iter().all(|parts| parts.sum().is_finite()) && seen.emitted.is_finite()) {
+                    // Black is off by what one sample brings; no number at all would spoil the pixel for good.
+                    counts.dropped += 1;
+                    (shown, seen.emitted) = Default::default();
+                }
                 for (value, parts) in out.picture.iter_mut().zip(&shown) {
                     // Lights seen directly add nothing else, so rounding of the difference goes with a bright pixel.
                     *value = parts.sum() - seen.emitted;
@@ -364,14 +376,24 @@ impl State {
                     out.layers[layer::SCALARS] = Rgb::new(seen.depth, seen.density, 0.0);
                 }
             };
-        let rows = self.film.add_pass(index, || (Scratch::new(maps.as_ref()), 0), pixel);
-        stats.rays += rows.iter().map(|(_, rays)| rays).sum::<u64>();
+        let rows = self.film.add_pass(index, || (Scratch::new(maps.as_ref()), Counts::default()), pixel);
+        for (_, counts) in rows {
+            stats.rays += counts.rays;
+            stats.dropped += counts.dropped;
+        }
         let layer = options.aovs.then_some(layer::CAUSTIC[1]);
         for splat in splats {
             self.film.splat(index, splat.pixel as usize, splat.value, layer);
         }
         stats.seconds.eye += start.elapsed().as_secs_f64();
     }
+}
+
+/// What is counted along a row of the film.
+#[derive(Default)]
+struct Counts {
+    rays: u64,
+    dropped: u64,
 }
 
 /// When the error is estimated first where nothing depends on it.
