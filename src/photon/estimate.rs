@@ -1,11 +1,12 @@
 //! Density estimation: reflected radiance from the photons around a point.
 
 use super::PhotonMap;
+use super::area::probe;
 use super::kdtree::KnnHeap;
 use super::octahedral::Direction;
 use crate::bsdf::{Mode, Share};
-use crate::math::Rgb;
-use crate::scene::Surface;
+use crate::math::{Ray, Rgb, offset_origin};
+use crate::scene::{Scene, Surface};
 use crate::shape::Facet;
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
@@ -124,6 +125,13 @@ impl Photons {
     }
 }
 
+/// Points of the disk of an estimate that are to be found on the surface: at camera vertices, and where one estimate serves many
+/// gather rays.
+const PROBES: u32 = 2;
+const SITE_PROBES: u32 = 8;
+/// Photons tell of light as far around them, as a share of the radius: of k = 32, evenly spread, three or four are that near.
+const NEAR: f32 = 0.33;
+
 /// The radius of the fine level of an estimate, as a share of the wide one's.
 const FINE: f32 = 0.5;
 
@@ -137,8 +145,10 @@ pub struct Levels {
 }
 
 /// Where an estimate is made.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Place<'a> {
+    /// The scene around it.
+    pub scene: &'a Scene,
     /// Position.
     pub p: Vec3,
     /// Geometric normal, as the shape is oriented.
@@ -147,11 +157,20 @@ pub struct Place<'a> {
     pub tag: u8,
     /// The flat polygon that the surface ends with, if it is one.
     pub facet: Option<&'a Facet>,
+    magnitude: f32,
 }
 
 impl<'a> Place<'a> {
     fn of(s: &Surface<'a>) -> Place<'a> {
-        Place { p: s.p, n_g: s.n_g, tag: s.tag(), facet: s.facet }
+        let Surface { scene, p, n_g, facet, magnitude, .. } = *s;
+        Place { scene, p, n_g, tag: s.tag(), facet, magnitude }
+    }
+
+    /// A ray to `target`, a point off the surface.
+    pub(super) fn spawn_to(&self, target: Vec3) -> Ray {
+        let o = offset_origin(self.p, self.n_g, target - self.p, self.magnitude);
+        let length = (target - o).length();
+        Ray { t_max: length, ..Ray::new(o, (target - o) / length) }
     }
 
     /// Whether a point at distance² `d2`, on a surface that `is_tagged` as this one, belongs to the same surface as far as its
@@ -166,7 +185,7 @@ impl<'a> Place<'a> {
 }
 
 /// A point whose irradiance is to be known, on one of its sides.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Site<'a> {
     /// Where it is.
     pub place: Place<'a>,
@@ -233,19 +252,16 @@ impl Estimator {
         if map.is_empty() || !s.bsdf.scatters_on(wo) {
             return Levels::default();
         }
+        let n_s = s.frame.n * 1f32.copysign(wo.z);
         match s.bsdf.diffuse_only() {
             Some(f) => {
-                let n_s = s.frame.n * 1f32.copysign(wo.z);
-                let levels = self
-                    .sum(map, Place::of(s), what, fine, heap, |slot| {
-                        arriving(n_s, s.n_g, map.direction(slot))
-                    })
-                    .0;
+                let arriving = |slot| arriving(n_s, s.n_g, map.direction(slot));
+                let levels = self.sum(map, Place::of(s), n_s, PROBES, what, fine, heap, arriving).0;
                 Levels { wide: f * levels.wide, fine: f * levels.fine }
             }
             None => {
                 let reflected = |slot| scattered(s, wo, map.wi(slot), share);
-                self.sum(map, Place::of(s), what, fine, heap, reflected).0
+                self.sum(map, Place::of(s), n_s, PROBES, what, fine, heap, reflected).0
             }
         }
     }
@@ -253,16 +269,20 @@ impl Estimator {
     /// Irradiance at `site`, and the radius of the disk that it was estimated over.
     pub fn irradiance(&self, map: &PhotonMap, site: &Site, what: Photons, heap: &mut KnnHeap) -> (Rgb, f32) {
         let arriving = |slot| arriving(site.n_s, site.place.n_g, map.direction(slot));
-        let (levels, r) = self.sum(map, site.place, what, false, heap, arriving);
+        let (levels, r) = self.sum(map, site.place, site.n_s, SITE_PROBES, what, false, heap, arriving);
         (levels.wide, r)
     }
 
-    /// The sum of flux · `factor(slot)` · kernel over the photons around a place, and the kernel's radius.
+    /// The sum of flux · `factor(slot)` · kernel over the photons around a place, per area of the surface that `probes` find on
+    /// the side of `n_s`, and the kernel's radius.
     #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
     fn sum(
         &self,
         map: &PhotonMap,
         place: Place,
+        n_s: Vec3,
+        probes: u32,
         what: Photons,
         fine: bool,
         heap: &mut KnnHeap,
@@ -304,6 +324,24 @@ impl Estimator {
             if fine && t2 < FINE * FINE {
                 sum.fine += arrived * (self.kernel.weight(t2 / (FINE * FINE)) / (FINE * FINE));
             }
+        }
+        if sum.wide == Rgb::ZERO {
+            return (Levels::default(), r);
+        }
+        let n = place.n_g * 1f32.copysign(place.n_g.dot(n_s));
+        let photons = |r: f32| {
+            let near2 = NEAR * NEAR * r * r;
+            let heap = &*heap;
+            move |x: Vec3, is_wanted: &dyn Fn(Vec3) -> bool| {
+                let positions = heap.iter().map(|(slot, _)| map.tree().position(slot));
+                positions.filter(|p| p.distance_squared(x) < near2).any(is_wanted)
+            }
+        };
+        let probed = probe(&place, n, r, self.kernel, probes, photons(r));
+        sum.wide *= probed.disk_over_surface;
+        if sum.fine != Rgb::ZERO && !probed.is_whole {
+            let r = FINE * r;
+            sum.fine *= probe(&place, n, r, self.kernel, probes, photons(r)).disk_over_surface;
         }
         let scale = 1.0 / (PI * r2);
         (Levels { wide: sum.wide * (scale / wide_share), fine: sum.fine * (scale / fine_share) }, r)

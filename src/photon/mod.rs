@@ -1,6 +1,7 @@
 //! Photons: emission and transport ([`trace`]), storage ([`PhotonMap`]), lookup in a [`kdtree`] that knows only
 //! points, and density estimation ([`Estimator`]).
 
+mod area;
 mod estimate;
 mod guide;
 mod importance;

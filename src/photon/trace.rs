@@ -22,7 +22,7 @@ pub enum Store {
 }
 
 /// What a photon pass brings home.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub struct Traced<'a> {
     /// Photons in order of emission, whatever the number of threads.
     pub photons: Vec<Packed>,

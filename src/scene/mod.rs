@@ -103,8 +103,10 @@ pub struct Scene {
 }
 
 /// A shading point: everything that scattering at a hit needs.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Surface<'a> {
+    /// What it is part of.
+    pub scene: &'a Scene,
     /// Position.
     pub p: Vec3,
     /// Geometric normal, as the shape is oriented.
@@ -119,11 +121,10 @@ pub struct Surface<'a> {
     pub light: Option<u32>,
     /// The shape.
     pub shape: u32,
-    /// The instance that the shape is part of, if any.
-    pub instance: u32,
+    tag: u8,
     /// The flat polygon that the surface ends with, if it is one.
     pub facet: Option<&'a Facet>,
-    magnitude: f32,
+    pub(crate) magnitude: f32,
 }
 
 /// What gets through between two points.
@@ -135,12 +136,16 @@ pub struct Transmittance {
     pub crossings: u32,
 }
 
+fn tag(hit: &Hit) -> u8 {
+    // Fibonacci hashing (Knuth 1998, section 6.4): neighbours differ.
+    let id = hit.shape.wrapping_add(hit.instance.wrapping_mul(0x85eb_ca6b));
+    (id.wrapping_mul(0x9e37_79b9) >> 24) as u8
+}
+
 impl Surface<'_> {
     /// Tells photons on this shape from those on others, but for one pair of shapes in 256.
     pub fn tag(&self) -> u8 {
-        // Fibonacci hashing (Knuth 1998, section 6.4): neighbours differ.
-        let id = self.shape.wrapping_add(self.instance.wrapping_mul(0x85eb_ca6b));
-        (id.wrapping_mul(0x9e37_79b9) >> 24) as u8
+        self.tag
     }
 
     /// Whether a path crosses the surface through one of its holes.
@@ -260,6 +265,11 @@ impl Scene {
         self.intersector.intersect(ray)
     }
 
+    /// Whether anything lies on the ray, whatever it is made of.
+    pub fn occluded(&self, ray: &Ray) -> bool {
+        self.intersector.occluded(ray)
+    }
+
     /// The nearest surface.
     pub fn hit(&self, ray: &Ray) -> Option<Surface<'_>> {
         self.intersect(ray).map(|hit| self.surface(ray, &hit))
@@ -330,6 +340,7 @@ impl Scene {
         };
         let site = Site { at, from_front: ray.d.dot(point.n_s) <= 0.0, partials };
         Surface {
+            scene: self,
             p: point.p,
             n_g: point.n_g,
             frame,
@@ -337,10 +348,20 @@ impl Scene {
             bsdf: material.bsdf(&self.textures, &site),
             light: self.shape_light[hit.shape as usize],
             shape: hit.shape,
-            instance: hit.instance,
+            tag: tag(hit),
             facet: self.facets.at(hit.shape, hit.primitive, point.p),
             magnitude: point.magnitude,
         }
+    }
+
+    /// Position, geometric normal and tag (see [`Surface::tag`]) of a hit: all that its neighbours need to know.
+    pub fn geometric(&self, ray: &Ray, hit: &Hit) -> (Vec3, Vec3, u8) {
+        let shape = &self.geometry.shapes[hit.shape as usize];
+        let instance = self.geometry.instances.get(hit.instance as usize);
+        let own_ray = instance.map_or(*ray, |instance| instance.ray(ray));
+        let own = shape.point(&own_ray, hit, Wanted::Untextured);
+        let point = instance.map_or(own, |instance| instance.point(&own));
+        (point.p, point.n_g, tag(hit))
     }
 
     /// Radiance that an area light at `surface` sends towards `wo` (world).

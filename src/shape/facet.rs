@@ -30,6 +30,8 @@ pub struct Facet {
     edges: Vec<Edge>,
     /// How far off the plane points of the surface may be found.
     thickness: f32,
+    /// Whether all is cut out of it that others cover.
+    is_bare: bool,
     /// Smaller facets that it consists of.
     pub(super) parting: Option<Parting>,
 }
@@ -68,6 +70,11 @@ impl Facet {
 
     pub(super) fn origin(&self) -> Vec3 {
         self.origin
+    }
+
+    /// Whether all is cut out of it that other facets cover.
+    pub fn is_bare(&self) -> bool {
+        self.is_bare
     }
 
     /// Whether `p` lies in the plane, as far as the surface does and rounding can tell.
@@ -114,6 +121,7 @@ impl Facets {
             all.of.push(of);
         }
         if all.facets.len() <= MAX_CONTACTS {
+            all.facets.iter_mut().for_each(|facet| facet.is_bare = true);
             cut_contacts(&mut all.facets);
             parted::part_all(&mut all.facets);
         }
@@ -265,7 +273,7 @@ fn of_mesh(mesh: &Mesh) -> (Vec<Facet>, Vec<u32>) {
         let [origin, ..] = mesh.vertices(seed as u32);
         let (s, t) = normal.as_vec3().any_orthonormal_pair();
         let edges = Vec::with_capacity(ends.len());
-        let mut facet = Facet { origin, s, t, edges, thickness: 0.0, parting: None };
+        let mut facet = Facet { origin, s, t, edges, thickness: 0.0, is_bare: false, parting: None };
         let normal = facet.normal();
         for &(triangle, k) in &ends {
             let v = mesh.vertices(triangle);
