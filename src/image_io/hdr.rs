@@ -106,15 +106,20 @@ fn header(reader: &mut impl BufRead) -> Result<Layout, String> {
         match Layout::parse(line) {
             Some(layout) => return Ok(layout),
             None if is_over => {
-                return Err(format!("'{line:.40}' should be its size, for example '-Y 480 +X 640'"));
+                return Err(format!("'{}' should be its size, for example '-Y 480 +X 640'", shown(line)));
             }
             None => is_over = line.is_empty(),
         }
         let format = line.split_once('=').filter(|(key, _)| key.trim() == "FORMAT").map(|(_, f)| f.trim());
         if let Some(format) = format.filter(|f| *f != "32-bit_rle_rgbe") {
-            return Err(format!("its colours are '{format:.40}': convert them to 32-bit_rle_rgbe"));
+            return Err(format!("its colours are '{}': convert them to 32-bit_rle_rgbe", shown(format)));
         }
     }
+}
+
+/// The beginning of a text from a file, without what a terminal would obey.
+fn shown(text: &str) -> String {
+    text.chars().take(40).flat_map(char::escape_debug).collect()
 }
 
 pub(super) fn read(path: &Path) -> Result<Image, String> {
@@ -126,7 +131,9 @@ pub(super) fn read(path: &Path) -> Result<Image, String> {
     let plain = format!("#?RADIANCE\n\n-Y {} +X {}\n", layout.lines, layout.length);
     let decoder = HdrDecoder::new(Cursor::new(plain).chain(reader)).map_err(|e| e.to_string())?;
     let stored = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?.into_rgb32f();
-    Ok(layout.arrange(stored.pixels().map(|p| Rgb::from_array(p.0)).collect()))
+    let pixels = stored.pixels().map(|p| Rgb::from_array(p.0)).collect();
+    drop(stored);
+    Ok(layout.arrange(pixels))
 }
 
 #[cfg(test)]
@@ -209,11 +216,12 @@ mod tests {
             ("#?RADIANCE\n\n-Y 0 +X 3\n", "no pixels"),
             ("#?RADIANCE\n\n-Y 2 +X 3\n", "cannot read"),
             ("#?RADIANCE\n\n+X 99999 +Y 99999\n", "too short for 99999x99999"),
-            ("#?RADIANCE\nFORMAT=32-bit_rle_rgbe", "too soon"),
         ] {
             let error = parse(head).unwrap_err();
             assert!(error.contains("a.hdr") && error.contains(said), "{head}: {error}");
         }
+        let error = read_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n").unwrap_err();
+        assert!(error.contains("too soon"), "{error}");
     }
 
     /// Lines of runs by channel, of the runs before 1991, and of none.
