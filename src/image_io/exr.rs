@@ -141,6 +141,24 @@ fn no_picture(headers: &[Header]) -> String {
 /// A display window of up to 2²⁴ pixels may be empty, whatever the length of the file.
 const LEAST_BYTES: u64 = (1 << 24) / super::MAX_PIXELS_PER_BYTE + 1;
 
+/// Blocks of so many bytes may lie in a file of any length.
+const SMALL_BLOCK: u128 = 1 << 28;
+
+/// The `exr` crate asks for as much memory as a block claims to need, up to the size of a tile or a run of lines, which may
+/// be far larger than the picture.
+fn check_blocks(headers: &[Header], bytes: u64) -> Result<(), String> {
+    // DEFLATE packs at most 1032 bytes into one.
+    let most = SMALL_BLOCK.max(1032 * bytes as u128);
+    let is_larger = |header: &Header| {
+        let (size, depth) = (header.max_block_pixel_size(), header.channels.bytes_per_pixel);
+        size.width() as u128 * size.height() as u128 * depth as u128 > most
+    };
+    match headers.iter().any(is_larger) {
+        true => Err("the file is too short for its tiles or lines".into()),
+        false => Ok(()),
+    }
+}
+
 pub(super) fn read(path: &Path) -> Result<Image, String> {
     use ex::traits::*;
     let meta = MetaData::read_from_file(path, false).map_err(|e| e.to_string())?;
@@ -153,6 +171,7 @@ pub(super) fn read(path: &Path) -> Result<Image, String> {
     check_size(bytes, data.width() as u64, data.height() as u64)?;
     let (width, height) = (display.size.width(), display.size.height());
     check_size(bytes.max(LEAST_BYTES), width as u64, height as u64)?;
+    check_blocks(&meta.headers, bytes)?;
 
     let corner = header.own_attributes.layer_position;
     let offset = |corner: i32, display: i32| corner as i64 - display as i64;
@@ -566,6 +585,20 @@ pub(super) mod tests {
             let error = error(read(&path));
             assert!(error.contains("a.exr") && error.contains("its channels are"), "{parts:?}: {error}");
         }
+    }
+
+    /// Found by fuzzing: a tile of 470 million pixels, in a file that claims to hold 1.8 GB of it.
+    #[test]
+    fn tiles_that_no_file_can_hold() {
+        let dir = tempfile::tempdir().unwrap();
+        let (path, _) = zoo(dir.path()).swap_remove(1);
+        let mut bytes = fs::read(&path).unwrap();
+        // Both parts have one; the second is that of 16x16.
+        let name = b"tiledesc\0\x09\0\0\0\x10\0\0\0";
+        let at = bytes.windows(name.len()).position(|w| w == name).unwrap() + name.len() - 4;
+        bytes[at..at + 4].copy_from_slice(&[0, 0, 0, 0x07]);
+        fs::write(&path, &bytes).unwrap();
+        assert!(error(read(&path)).contains("too short for its tiles"));
     }
 
     /// As much as a header can claim, and a picture may.
