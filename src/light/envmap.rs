@@ -1,6 +1,6 @@
 //! Environment maps in latitude-longitude format (Mitsuba 3 `envmap`).
 
-use crate::image_io::Image;
+use crate::image_io::{Domain, Image};
 use crate::math::{Discrete, Rgb, luminance};
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 use std::f64::consts::{PI, TAU};
@@ -34,17 +34,12 @@ impl Envmap {
     /// A message if the image is empty, holds values that are negative or not finite, or if the transformation
     /// distorts.
     pub fn new(image: Image, scale: f32, to_world: Affine3A) -> Result<Envmap, String> {
-        let Image { width, mut height, mut pixels } = image;
-        if width == 0 || height == 0 || pixels.len() != width * height {
+        if image.width == 0 || image.height == 0 || image.pixels.len() != image.width * image.height {
             return Err("the environment map has no pixels".into());
         }
-        for (i, p) in pixels.iter_mut().enumerate() {
-            *p *= scale;
-            if !(p.is_finite() && p.min_element() >= 0.0) {
-                let (x, y) = (i % width, i / width);
-                return Err(format!("the environment map's pixel ({x}, {y}) times its scale is {p}"));
-            }
-        }
+        image.check(Domain::NonNegative, Rgb::splat(scale))?;
+        let Image { width, mut height, mut pixels } = image;
+        pixels.iter_mut().for_each(|p| *p *= scale);
         // Mitsuba 3 repeats the last row until there are three.
         while height < 3 {
             pixels.extend_from_within((height - 1) * width..);

@@ -20,3 +20,8 @@ pub type Rgb = glam::Vec3;
 pub fn luminance(c: Rgb) -> f32 {
     c.dot(Rgb::new(0.212_671, 0.715_160, 0.072_169))
 }
+
+/// CIE XYZ to linear sRGB (ITU-R BT.709 primaries, D65 white), by columns.
+pub(crate) const XYZ_TO_SRGB: glam::DMat3 = glam::DMat3::from_cols_array(&[
+    3.240_479, -0.969_256, 0.055_648, -1.537_150, 1.875_991, -0.204_043, -0.498_535, 0.041_556, 1.057_311,
+]);

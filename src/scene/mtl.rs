@@ -20,7 +20,7 @@ use super::{SceneDescription, obj};
 use crate::bsdf::{Distribution, RoughCoating};
 use crate::camera::{Camera, Projection};
 use crate::film::{FilmSettings, Filter};
-use crate::image_io::{self, Encoding};
+use crate::image_io::{self, Domain, Encoding};
 use crate::light::Light;
 use crate::math::Rgb;
 use crate::shape::{Bounds, Geometry, Shape};
@@ -162,10 +162,15 @@ impl Builder {
         }
         let (path, file, line) = (path.to_path_buf(), file.to_path_buf(), mtl.line);
         let index = self.textures.len() as u32;
-        let encoding = if srgb { Encoding::Srgb } else { Encoding::Linear };
+        let (encoding, domain) = match srgb {
+            true => (Encoding::Srgb, Domain::NonNegative),
+            false => (Encoding::Linear, Domain::Finite),
+        };
         self.textures.push(Pending::file(index, move || {
             let image = image_io::read_encoded(&path, encoding).map_err(|e| e.to_string());
             let bitmap = image.and_then(|image| {
+                let check = image.check(domain, Rgb::ONE);
+                check.map_err(|message| format!("{}: {message}", path.display()))?;
                 Bitmap::new(image, Interpolation::Bilinear, [Wrap::Repeat; 2], Affine2::IDENTITY)
             });
             bitmap.map(Texture::Bitmap).map_err(|message| Error::Scene { file, line, message })
@@ -390,6 +395,39 @@ mod tests {
             match scene(obj, mtl) {
                 Err(Error::Scene { line: found, .. }) => assert_eq!(found, line, "{mtl}"),
                 other => panic!("{mtl}: {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn texels_are_checked() {
+        use image_io::{Channels, Image, Layer, Metadata, SampleType};
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str| folder.path().join(name);
+        let load = |value: f32, map: &str| {
+            let image = Image { width: 2, height: 1, pixels: vec![Rgb::ONE, Rgb::splat(value)] };
+            let layer = Layer { name: String::new(), image, channels: Channels::Rgb };
+            image_io::write_exr(&file("t.exr"), &[layer], &Metadata::default(), SampleType::Float).unwrap();
+            fs::write(file("a.mtl"), format!("\nnewmtl a\n{map} t.exr\n")).unwrap();
+            fs::write(file("a.obj"), "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n").unwrap();
+            super::load(&file("a.obj"), None)
+        };
+        for (map, value, is_allowed) in [
+            ("map_Kd", 0.5, true),
+            ("map_Kd", -0.5, false),
+            ("map_Kd", f32::NAN, false),
+            ("map_Ke", 50.0, true),
+            ("map_Ke", f32::INFINITY, false),
+            ("map_d", -0.5, true),
+            ("map_d", f32::NAN, false),
+        ] {
+            match load(value, map) {
+                Ok(_) => assert!(is_allowed, "{map} {value}"),
+                Err(Error::Scene { file, line, message }) => {
+                    let is_named = message.contains("t.exr: the texel (1, 0)");
+                    assert!(!is_allowed && file.ends_with("a.mtl") && line == 2 && is_named, "{message}");
+                }
+                Err(e) => panic!("{map} {value}: {e}"),
             }
         }
     }

@@ -1,8 +1,8 @@
 //! Spectra of scene files, and their conversion to linear sRGB as Mitsuba 3's RGB modes do it: integration over the
 //! CIE 1931 curves, with illuminant D65 for reflectances and refractive indices and without for emission.
 
-use crate::math::Rgb;
-use glam::{DMat3, DVec3};
+use crate::math::{Rgb, XYZ_TO_SRGB};
+use glam::DVec3;
 
 /// Wavelengths in nm at which the tables begin and end.
 const LAMBDA_MIN: f64 = 360.0;
@@ -11,10 +11,6 @@ const LAMBDA_MAX: f64 = 830.0;
 const Y_NORMALIZATION: f64 = 1.0 / 106.750_259_399_414_06;
 /// Makes D65 give Y = 1.
 const D65_NORMALIZATION: f64 = 1.0 / 98.997_417_518_762_55;
-/// XYZ to linear sRGB (ITU-R BT.709 primaries, D65 white), by columns.
-const XYZ_TO_SRGB: DMat3 = DMat3::from_cols_array(&[
-    3.240_479, -0.969_256, 0.055_648, -1.537_150, 1.875_991, -0.204_043, -0.498_535, 0.041_556, 1.057_311,
-]);
 
 /// What a spectrum stands for: that decides its white point and its range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,6 +7,7 @@ use crate::Result;
 use crate::bsdf::{
     Coating, Distribution, Perturbation, PrincipledParams, PrincipledThinParams, RoughCoating, WardVariant,
 };
+use crate::image_io::Domain;
 use crate::math::Rgb;
 use crate::scene::ior;
 use crate::scene::material::{Material, Roughness};
@@ -131,6 +132,7 @@ impl<'a> Loader<'a> {
                 let specular = color("specular_reflectance", 1.0)?;
                 let absorption = self.color(props, "sigma_a", Role::Unbounded, Rgb::ZERO)?;
                 let thickness = props.float("thickness", 1.0)?;
+                self.check_texels(absorption, Domain::NonNegative, thickness, props.pos("sigma_a"));
                 let eta = relative_ior(props, "bk7")?;
                 let rough = match props.plugin() {
                     "coating" => None,

@@ -4,7 +4,7 @@ use super::Loader;
 use super::props::{Props, to_f32, vec3};
 use super::sensor::half_width;
 use super::textures::gamma;
-use crate::image_io::{self, Encoding};
+use crate::image_io::{self, Domain, Encoding};
 use crate::light::{Envmap, Light, Projector, Spot};
 use crate::math::Rgb;
 use crate::scene::pending::Pending;
@@ -127,6 +127,7 @@ impl<'a> Loader<'a> {
             Color::Constant(_) => 1.0,
         };
         let (half_width, scale) = (half_width(props, aspect)?, props.float("scale", 1.0)?);
+        self.check_texels(irradiance, Domain::NonNegative, std::f32::consts::PI * scale, props.object.pos);
         let projector = Projector::new(to_f32(props.to_world()?), half_width, aspect, irradiance, scale);
         projector.map(Light::Projector).map_err(|message| props.error(message))
     }

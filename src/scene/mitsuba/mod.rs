@@ -16,18 +16,21 @@ mod xml;
 mod old_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod texel_tests;
 
 use super::instances;
 use super::pending::{Pending, unless_failed};
 use super::{IntegratorParam, SceneDescription};
 use crate::Result;
+use crate::image_io::Domain;
 use crate::light::Light;
 use crate::scene::Material;
-use crate::shape::{Bounds, Geometry, Instance, Shape};
+use crate::shape::{Bounds, Geometry, Instance};
 use crate::texture::Texture;
 use props::Props;
-use std::collections::HashMap;
-use std::path::Path;
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
 use xml::{Property, Tree, Value};
 
 /// Largest width or height of an image.
@@ -45,13 +48,17 @@ struct Loader<'a> {
     textures: Vec<Pending<Texture>>,
     /// By object and how it is used.
     texture_of: HashMap<(usize, textures::Use), u32>,
+    /// Files of textures that have one.
+    bitmap_files: HashMap<u32, PathBuf>,
+    /// What values of textures are checked for.
+    texel_checks: BTreeMap<(u32, Domain), textures::TexelCheck>,
     lights: Vec<Pending<Light>>,
     /// Shapes that are lights, and the light.
     emitters: Vec<(u32, Props<'a>)>,
     /// Names of all mesh attributes that anything looks up.
     attribute_names: Vec<String>,
-    /// Shapes, where they stand, and what attributes of meshes their materials and lights look up.
-    attributes: Vec<(u32, xml::Pos, Vec<xml::Asked>)>,
+    /// Shapes, and what attributes of meshes their materials and lights look up.
+    attributes: Vec<(u32, Props<'a>, Vec<xml::Asked>)>,
     jobs: Vec<shapes::Job>,
     /// Shape groups that have instances.
     groups: Vec<Props<'a>>,
@@ -78,6 +85,8 @@ pub(super) fn load(
         made: HashMap::new(),
         textures: Vec::new(),
         texture_of: HashMap::new(),
+        bitmap_files: HashMap::new(),
+        texel_checks: BTreeMap::new(),
         lights: Vec::new(),
         emitters: Vec::new(),
         attribute_names: attribute_names(&tree),
@@ -139,16 +148,16 @@ pub(super) fn load(
     if let Some((_, error)) = failures.into_iter().min_by_key(|failure| failure.0) {
         return Err(error);
     }
-    for (shape, pos, textures) in loader.attributes {
-        for xml::Asked { name, pos: asked } in textures {
-            let missing =
-                !matches!(&shapes[shape as usize], Shape::Mesh(mesh) if mesh.attribute(&name).is_some());
-            if missing {
-                let line = format!("{}:{}", tree.file(pos).display(), pos.line);
-                let message = format!("the shape at {line} has no mesh attribute '{name}'");
-                return Err(tree.error(asked, message));
-            }
-        }
+    let checks = textures::Checks {
+        tree: &tree,
+        textures: &textures,
+        texture_of: &loader.texture_of,
+        files: &loader.bitmap_files,
+        checks: &loader.texel_checks,
+    };
+    checks.bitmaps()?;
+    for (shape, props, asked) in &loader.attributes {
+        checks.attributes(&shapes[*shape as usize], *props, asked)?;
     }
     for (shape, emitter) in loader.emitters {
         let area = shapes[shape as usize].area();

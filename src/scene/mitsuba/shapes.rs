@@ -185,7 +185,7 @@ impl<'a> Loader<'a> {
         props.opt_float("silhouette_sampling_weight")?;
         props.finish()?;
         if !self.attribute_names.is_empty() {
-            self.attributes.push((index, props.object.pos, self.tree.mesh_attributes(props.index)));
+            self.attributes.push((index, props, self.tree.mesh_attributes(props.index)));
         }
         self.jobs.push(job);
         self.shape_material.push(material);

@@ -2,20 +2,97 @@
 
 use super::Loader;
 use super::props::Props;
-use super::xml::{Property, Value, tokens};
+use super::xml::{Asked, Pos, Property, Tree, Value, tokens};
 use crate::Result;
-use crate::image_io::{self, Encoding};
-use crate::math::Rgb;
+use crate::image_io::{self, Domain, Encoding};
+use crate::math::{Rgb, first_index};
 use crate::scene::pending::Pending;
 use crate::scene::spectrum::{Role, Spectrum};
+use crate::shape::Shape;
 use crate::texture::{Bitmap, Color, Interpolation, Scalar, Texture, Wrap};
 use glam::{Affine2, Vec2};
+use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
 
 /// How a texture object is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Use {
     Color,
     Scalar,
+}
+
+/// What the texels of a texture are checked for, besides their domain.
+pub(super) struct TexelCheck {
+    /// They are multiplied with it.
+    scale: f32,
+    /// Where the texture stands.
+    pos: Pos,
+}
+
+/// Checks all values that textures give, once their files are read.
+pub(super) struct Checks<'a> {
+    pub tree: &'a Tree,
+    pub textures: &'a [Texture],
+    pub texture_of: &'a HashMap<(usize, Use), u32>,
+    pub files: &'a HashMap<u32, PathBuf>,
+    pub checks: &'a BTreeMap<(u32, Domain), TexelCheck>,
+}
+
+impl Checks<'_> {
+    /// Checks the texels of bitmaps, and of what scales them.
+    pub(super) fn bitmaps(&self) -> Result<()> {
+        for ((index, domain), check) in self.checks {
+            let (mut index, mut scale) = (*index, Rgb::splat(check.scale));
+            while let Texture::Scaled { texture, scale: factor } = &self.textures[index as usize] {
+                scale *= *factor;
+                index = *texture;
+            }
+            if let Texture::Bitmap(bitmap) = &self.textures[index as usize] {
+                bitmap.contents().0.check(*domain, scale).map_err(|message| {
+                    let file = self.files.get(&index).map(|f| f.display().to_string()).unwrap_or_default();
+                    self.tree.error(check.pos, format!("{file}: {message}"))
+                })?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks that a shape has the attributes that it is `asked` for, and their values.
+    pub(super) fn attributes(&self, shape: &Shape, props: Props, asked: &[Asked]) -> Result<()> {
+        for Asked { name, object } in asked {
+            let pos = self.tree.objects[*object].pos;
+            let line = || format!("{}:{}", self.tree.file(props.object.pos).display(), props.object.pos.line);
+            let attribute = match shape {
+                Shape::Mesh(mesh) => mesh.attribute(name),
+                _ => None,
+            };
+            let Some(attribute) = attribute else {
+                let message = format!("the shape at {} has no mesh attribute '{name}'", line());
+                return Err(self.tree.error(pos, message));
+            };
+            for usage in [Use::Color, Use::Scalar] {
+                let Some(texture) = self.texture_of.get(&(*object, usage)) else { continue };
+                let Texture::Attribute { scale, .. } = &self.textures[*texture as usize] else { continue };
+                for ((_, domain), _) in
+                    self.checks.range((*texture, Domain::Finite)..=(*texture, Domain::NonNegative))
+                {
+                    let Some(i) = first_index(&attribute.values, |v| !domain.contains(*v * *scale)) else {
+                        continue;
+                    };
+                    let times = if *scale == Rgb::ONE { String::new() } else { format!(" times {scale}") };
+                    let of = if attribute.of_vertices() { "vertex" } else { "face" };
+                    let (value, line) = (attribute.values[i], line());
+                    let file = props.opt_string("filename")?.unwrap_or("the mesh");
+                    let message = format!(
+                        "{file}: the '{name}' of {of} {i} is {value}{times}, but must be {domain}: change it in \
+                         that file (of the shape at {line})"
+                    );
+                    return Err(self.tree.error(pos, message));
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
 impl<'a> Loader<'a> {
@@ -129,8 +206,40 @@ impl<'a> Loader<'a> {
         rgb
     }
 
+    /// Has the texels of a texture checked once they are read: times `scale` they must be in the `domain`.
+    pub(super) fn check_texels(&mut self, color: Color, domain: Domain, scale: f32, pos: Pos) {
+        let Color::Texture(index) = color else { return };
+        // Nothing smaller than the texels themselves, which other uses may take as they are.
+        let check = self.texel_checks.entry((index, domain)).or_insert(TexelCheck { scale: 1.0, pos });
+        check.scale = check.scale.max(scale);
+    }
+
     /// A texture object, or a spectrum object, which is a constant.
     fn texture(&mut self, props: Props<'a>, asker: &Property, role: Role, usage: Use) -> Result<Color> {
+        let color = self.unchecked_texture(props, asker, role, usage)?;
+        let domain = match (usage, role) {
+            (Use::Color, Role::Reflectance | Role::Emission) => Domain::NonNegative,
+            (Use::Color, Role::Unbounded) | (Use::Scalar, _) => Domain::Finite,
+        };
+        match color {
+            Color::Constant(rgb) if !domain.contains(rgb) => {
+                let message = format!("'{}' is {rgb}, but must be {domain}", asker.name);
+                Err(self.tree.error(props.object.pos, message))
+            }
+            _ => {
+                self.check_texels(color, domain, 1.0, props.object.pos);
+                Ok(color)
+            }
+        }
+    }
+
+    fn unchecked_texture(
+        &mut self,
+        props: Props<'a>,
+        asker: &Property,
+        role: Role,
+        usage: Use,
+    ) -> Result<Color> {
         if props.object.tag != "texture" {
             let message = format!("'{}' should be a texture, not a <{}>", asker.name, props.object.tag);
             return Err(self.tree.error(asker.pos, message));
@@ -178,6 +287,7 @@ impl<'a> Loader<'a> {
         props.opt_string("format")?;
         props.boolean("accel", true)?;
         let path = self.filename(props)?;
+        self.bitmap_files.insert(self.textures.len() as u32, path.clone());
         let encoding = match gamma(props)? {
             Some(gamma) => Encoding::Gamma(gamma),
             None if raw => Encoding::Linear,

@@ -99,8 +99,8 @@ impl Object {
 #[derive(Clone, Debug)]
 pub(super) struct Asked {
     pub name: String,
-    /// Where the texture stands.
-    pub pos: Pos,
+    /// The texture.
+    pub object: usize,
 }
 
 /// Everything that the files say. Object 0 is the scene.
@@ -203,7 +203,7 @@ impl Tree {
             if !seen.insert(index) {
                 continue;
             }
-            found.extend(object.mesh_attribute().map(|name| Asked { name: name.into(), pos: object.pos }));
+            found.extend(object.mesh_attribute().map(|name| Asked { name: name.into(), object: index }));
             waiting.extend(object.properties.iter().filter_map(|p| match &p.value {
                 Value::Object(index) => Some(*index),
                 Value::Reference(id) => self.ids.get(id).copied(),
