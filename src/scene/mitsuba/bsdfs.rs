@@ -1,8 +1,8 @@
 //! BSDF plugins to materials.
 
-use super::{Loader, disney};
 use super::props::Props;
 use super::xml::{Property, Value, tokens};
+use super::{Loader, disney};
 use crate::Result;
 use crate::bsdf::{
     Coating, Distribution, Perturbation, PrincipledParams, PrincipledThinParams, RoughCoating, WardVariant,
@@ -67,7 +67,9 @@ impl<'a> Loader<'a> {
                 let reflectance = color("specular_reflectance", 1.0)?;
                 let transmittance = color("specular_transmittance", 1.0)?;
                 match self.roughness(props)? {
-                    Some(roughness) => Material::RoughDielectric { reflectance, transmittance, roughness, eta },
+                    Some(roughness) => {
+                        Material::RoughDielectric { reflectance, transmittance, roughness, eta }
+                    }
                     None => Material::Dielectric { reflectance, transmittance, eta },
                 }
             }
@@ -102,7 +104,9 @@ impl<'a> Loader<'a> {
             }
             "principled" => Material::Principled(Box::new(self.principled(props)?)),
             "principledthin" => Material::PrincipledThin(Box::new(self.principled_thin(props)?)),
-            plugin if disney::PLUGINS.contains(&plugin) => Material::Principled(Box::new(self.disney(props)?)),
+            plugin if disney::PLUGINS.contains(&plugin) => {
+                Material::Principled(Box::new(self.disney(props)?))
+            }
             // Of Mitsuba 0.6.
             "phong" => Material::Phong {
                 diffuse: color("diffuse_reflectance", 0.5)?,
@@ -239,7 +243,13 @@ impl<'a> Loader<'a> {
     }
 
     /// A number that may be textured; not negative, and at most `most` if it is none.
-    fn scalar_up_to(&mut self, props: Props<'a>, name: &'static str, default: f32, most: f32) -> Result<Scalar> {
+    fn scalar_up_to(
+        &mut self,
+        props: Props<'a>,
+        name: &'static str,
+        default: f32,
+        most: f32,
+    ) -> Result<Scalar> {
         match self.scalar(props, name, default)? {
             // For rounding in luminances.
             Scalar::Constant(x) if x > 1.0001 * most => {
@@ -371,7 +381,9 @@ impl<'a> Loader<'a> {
     fn index_part(&mut self, props: Props<'a>, name: &'static str, default: Rgb) -> Result<Color> {
         let size = match props.get(name).map(|p| &p.value) {
             Some(Value::Rgb(v)) if v.min_element() < 0.0 => v.abs().as_vec3(),
-            Some(Value::Float(v) | Value::Spectrum(Spectrum::Uniform(v))) if *v < 0.0 => Rgb::splat(v.abs() as f32),
+            Some(Value::Float(v) | Value::Spectrum(Spectrum::Uniform(v))) if *v < 0.0 => {
+                Rgb::splat(v.abs() as f32)
+            }
             Some(Value::Integer(v)) if *v < 0 => Rgb::splat((*v as f32).abs()),
             _ => return self.color(props, name, Role::Unbounded, default),
         };

@@ -31,7 +31,8 @@ impl<'a> Loader<'a> {
             return self.emitter(props);
         }
         if plugin == "constant" {
-            self.tree.warn_once(props.object.pos, "emitter plugin 'constant' inside a shape is read as 'area'");
+            self.tree
+                .warn_once(props.object.pos, "emitter plugin 'constant' inside a shape is read as 'area'");
             props.to_world()?; // means nothing
         } else if !of_shapes(plugin) {
             return Err(props.unknown_plugin(KNOWN));

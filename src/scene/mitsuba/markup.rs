@@ -21,8 +21,9 @@ pub(super) fn decode(bytes: Vec<u8>) -> String {
     match bytes[..] {
         [0xFF, 0xFE, ..] => utf16(u16::from_le_bytes),
         [0xFE, 0xFF, ..] => utf16(u16::from_be_bytes),
-        _ => String::from_utf8(bytes)
-            .unwrap_or_else(|e| e.into_bytes().into_iter().map(char::from).collect()),
+        _ => {
+            String::from_utf8(bytes).unwrap_or_else(|e| e.into_bytes().into_iter().map(char::from).collect())
+        }
     }
 }
 
@@ -158,9 +159,7 @@ mod tests {
         let document = roxmltree::Document::parse(&tidy.text).unwrap_or_else(|e| panic!("{text}: {e}"));
         let inner = document.root_element().descendants().skip(1).filter(|n| n.is_element());
         inner
-            .map(|n| {
-                (document.text_pos_at(n.range().start).row, n.attribute("a").unwrap_or("").to_string())
-            })
+            .map(|n| (document.text_pos_at(n.range().start).row, n.attribute("a").unwrap_or("").to_string()))
             .collect()
     }
 

@@ -21,9 +21,9 @@ mod old_tests;
 #[cfg(test)]
 mod tests;
 
-use super::{instances, mtl};
 use super::pending::{Pending, unless_failed};
 use super::{IntegratorParam, SceneDescription};
+use super::{instances, mtl};
 use crate::Result;
 use crate::light::Light;
 use crate::scene::Material;
@@ -109,9 +109,8 @@ pub(super) fn load(
         depth: 0,
     };
     let walked = loader.walk(size);
-    // Whatever else is wrong may be so because a file is missing.
-    tree.check_files()?;
-    let Outline { sensor, integrator: (integrator, mut integrator_params), groups } = walked?;
+    let walked = tree.unless_files_are_missing(walked)?;
+    let Outline { sensor, integrator: (integrator, mut integrator_params), groups } = walked;
     let (camera, film, mut sample_count) = match sensor {
         Some(Sensor { camera, film, sample_count }) => (Some(camera), film, sample_count),
         None => {

@@ -94,7 +94,7 @@ impl<'a> Loader<'a> {
 
     fn film(&mut self, props: Props<'a>, size: Option<(u32, u32)>) -> Result<FilmSettings> {
         if props.plugin() != "hdrfilm" {
-            self.warn_at(props.object.pos, &props.instead("read as 'hdrfilm'", &["hdrfilm"]));
+            self.warn_at(props.object.pos, &props.instead("read as 'hdrfilm'", &FILMS));
         }
         let sides = 1..=super::MAX_SIDE;
         let width = props.count("width", DEFAULT_SIZE.0, sides.clone())?;
@@ -122,7 +122,9 @@ impl<'a> Loader<'a> {
         for (child, pos) in props.children()? {
             match child.object.tag.as_str() {
                 "rfilter" => filter = self.filter(child)?,
-                tag => self.tree.warn_once(pos, &format!("{}: a <{tag}> inside has no effect", props.title())),
+                tag => {
+                    self.tree.warn_once(pos, &format!("{}: a <{tag}> inside has no effect", props.title()))
+                }
             }
         }
         props.finish()?;
@@ -186,6 +188,7 @@ pub(super) const DEFAULT_SAMPLES: u32 = 4;
 
 const DEFAULT_FILTER: Filter = Filter::Gaussian { stddev: 0.5 };
 
+const FILMS: [&str; 2] = ["hdrfilm", "specfilm"];
 const FILTERS: [&str; 6] = ["box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos"];
 
 #[rustfmt::skip]

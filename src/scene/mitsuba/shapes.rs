@@ -288,7 +288,8 @@ impl<'a> Loader<'a> {
                 if let Ok(cylinder) = Cylinder::new(p0, p1, radius, to_world, flip_normals) {
                     return Ok(Job::Ready(Shape::Cylinder(cylinder)));
                 }
-                let message = format!("a cylinder that is sheared or stretched is made of {SIDES} flat sides");
+                let message =
+                    format!("a cylinder that is sheared or stretched is made of {SIDES} flat sides");
                 self.warn_at(props.pos("to_world"), &message);
                 let placement = Placement { to_world: exact, flip_normals, face_normals: false };
                 place(tube(&own), &placement).map(|mesh| Job::Ready(Shape::Mesh(mesh))).map_err(fail)

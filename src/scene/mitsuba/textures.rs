@@ -20,7 +20,13 @@ pub(super) enum Use {
 
 impl<'a> Loader<'a> {
     /// A colour parameter. Floats and integers mean grey.
-    pub(super) fn color(&mut self, props: Props<'a>, name: &'static str, role: Role, default: Rgb) -> Result<Color> {
+    pub(super) fn color(
+        &mut self,
+        props: Props<'a>,
+        name: &'static str,
+        role: Role,
+        default: Rgb,
+    ) -> Result<Color> {
         match props.get(name) {
             Some(property) => self.color_of(props, property, role),
             None => Ok(Color::Constant(default)),

@@ -177,10 +177,9 @@ impl Tree {
             parameters: parameters.collect(),
         };
         tree.sort_parameters();
-        let read = tree.read_file(path, None, 0);
-        // What an include would have said is missing as well.
-        tree.check_files()?;
-        read?;
+        if let Err(error) = tree.read_file(path, None, 0) {
+            return tree.unless_files_are_missing(Err(error));
+        }
         let unused = tree.parameters.iter().filter(|p| p.unused_define);
         let unused = unused.map(|p| format!("-D {}={}: the scene has no such parameter", p.name, p.value));
         tree.warnings.borrow_mut().extend(unused);
@@ -296,7 +295,7 @@ impl Tree {
     }
 
     /// Finds a file that a scene names: beside the file that names it, in the folders of `<path>`, beside the
-    /// outermost scene file. If it is missing, [`Tree::check_files`] tells in the end.
+    /// outermost scene file. If it is missing, [`Tree::unless_files_are_missing`] tells in the end.
     pub(super) fn resolve(&self, name: &str, pos: Pos) -> Option<PathBuf> {
         let parent = |file: &Path| file.parent().map(Path::to_path_buf).unwrap_or_default();
         let folders = std::iter::once(parent(self.file(pos)))
@@ -315,17 +314,35 @@ impl Tree {
         }
     }
 
+    /// What came of reading the scene, or of walking through it.
+    ///
     /// # Errors
-    /// If files are missing: one that names them all.
-    pub(super) fn check_files(&self) -> Result<()> {
+    /// If files are missing: one that names them all. Whatever else is wrong may be so because of that.
+    pub(super) fn unless_files_are_missing<T>(&self, made: Result<T>) -> Result<T> {
         const SEARCHED: &str = "(searched beside the scene and in its <path>s)";
-        match &self.missing.borrow()[..] {
-            [] => Ok(()),
+        if made.is_err() && !self.missing.borrow().is_empty() {
+            self.look_for_files();
+        }
+        let mut missing = self.missing.take();
+        missing.sort_by_key(|(pos, _)| (pos.file, pos.line));
+        match &missing[..] {
+            [] => made,
             [(pos, what)] => Err(self.error(*pos, format!("{what} not found {SEARCHED}"))),
-            all => {
-                let list = all.iter().map(|(pos, what)| format!("\n  {}", self.at(*pos, what)));
-                let count = all.len();
-                Err(self.error(all[0].0, format!("{count} files not found {SEARCHED}:{}", list.collect::<String>())))
+            [(first, _), ..] => {
+                let mut message = format!("{} files not found {SEARCHED}:", missing.len());
+                message.extend(missing.iter().map(|(pos, what)| format!("\n  {}", self.at(*pos, what))));
+                Err(self.error(*first, message))
+            }
+        }
+    }
+
+    /// Looks for the files that nothing came to.
+    fn look_for_files(&self) {
+        let reads =
+            |object: &&Object| matches!(object.tag.as_str(), "shape" | "bsdf" | "texture" | "emitter");
+        for property in self.objects.iter().filter(reads).flat_map(|object| &object.properties) {
+            if let (Value::String(name), "filename") = (&property.value, property.name.as_str()) {
+                self.resolve(name, property.pos);
             }
         }
     }
@@ -336,10 +353,8 @@ impl Tree {
     }
 
     fn read_file(&mut self, path: &Path, parent: Option<usize>, depth: usize) -> Result<()> {
-        let unreadable = |e| Error::File {
-            file: path.into(),
-            message: format!("cannot read the scene: {e}"),
-        };
+        let unreadable =
+            |e| Error::File { file: path.into(), message: format!("cannot read the scene: {e}") };
         let bytes = std::fs::read(path).map_err(unreadable)?;
         let file = self.files.len() as u32;
         self.files.push(path.into());
@@ -456,7 +471,10 @@ impl Reader<'_> {
     fn snake_case(&self, name: String, pos: Pos) -> String {
         let today = upgrade::snake_case(&name);
         if today != name {
-            self.tree.warn_once(pos, &format!("'{name}' is read as '{today}', as it is called in scenes of version 3"));
+            self.tree.warn_once(
+                pos,
+                &format!("'{name}' is read as '{today}', as it is called in scenes of version 3"),
+            );
         }
         today
     }
@@ -512,7 +530,14 @@ impl Reader<'_> {
         }
         let tag = if element.tag == "spectrum" { "texture".into() } else { element.tag.clone() };
         let old = self.old;
-        self.tree.objects.push(Object { tag, plugin, pos: element.pos, properties: Vec::new(), old, asked: RefCell::default() });
+        self.tree.objects.push(Object {
+            tag,
+            plugin,
+            pos: element.pos,
+            properties: Vec::new(),
+            old,
+            asked: RefCell::default(),
+        });
         Ok(index)
     }
 
@@ -564,7 +589,8 @@ impl Reader<'_> {
         let has_own = self.tree.objects[index].properties.iter().any(|p| p.name == "distribution");
         match distribution {
             Some(distribution) if !has_own => {
-                let message = format!("bsdf plugin '{given}' is read as '{plugin}' of distribution '{distribution}'");
+                let message =
+                    format!("bsdf plugin '{given}' is read as '{plugin}' of distribution '{distribution}'");
                 self.tree.warn_once(element.pos, &message);
                 self.set(index, "distribution", Value::String(distribution.into()), element.pos)
             }
