@@ -376,8 +376,8 @@ impl<'a> Loader<'a> {
         }
     }
 
-    /// A part of a complex index of refraction. Measured ones may be negative in RGB; as Fresnel's formulas square both
-    /// parts, only their size counts.
+    /// A part of a complex index of refraction. Measured ones may be negative in RGB; as Fresnel's formulas square
+    /// both parts, only their size counts.
     fn index_part(&mut self, props: Props<'a>, name: &'static str, default: Rgb) -> Result<Color> {
         let size = match props.get(name).map(|p| &p.value) {
             Some(Value::Rgb(v)) if v.min_element() < 0.0 => v.abs().as_vec3(),
@@ -438,7 +438,7 @@ fn constant_alpha(props: Props, name: &'static str, default: f32) -> Result<f32>
     Ok(alpha.max(0.0))
 }
 
-/// The rough surface of a layer, whose roughness is the same everywhere: it has tables. `None` if it is smooth.
+/// The rough surface of a layer, whose roughness is the same everywhere, as it has tables. `None` if it is smooth.
 fn rough_coating(props: Props, eta: f32) -> Result<Option<Box<RoughCoating>>> {
     let alpha = constant_alpha(props, "alpha", 0.1)?;
     props.boolean("sample_visible", true)?;

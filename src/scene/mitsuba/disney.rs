@@ -1,5 +1,5 @@
-//! The `disney…` bsdfs of lajolla (the renderer of UC San Diego's course): Burley's model whole, and its lobes one by one.
-//! All are read as Mitsuba's `principled`, which is the same model.
+//! The `disney…` bsdfs of lajolla (the renderer of UC San Diego's course): Burley's model whole, and its lobes one
+//! by one. All are read as Mitsuba's `principled`, which is the same model.
 
 use super::Loader;
 use super::props::Props;

@@ -1,5 +1,5 @@
-//! Makes XML well-formed where Mitsuba's parser (pugixml) forgives and ours does not: comments with `--` inside, text between
-//! elements, a document type, `&` and `<` in attribute values, text that is not UTF-8.
+//! Makes XML well-formed where Mitsuba's parser (pugixml) forgives and ours does not: comments with `--` inside,
+//! text between elements, a document type, `&` and `<` in attribute values, text that is not UTF-8.
 
 /// Deepest nesting of elements: scenes need less than ten.
 pub(super) const MAX_DEPTH: usize = 60;

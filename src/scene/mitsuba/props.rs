@@ -70,7 +70,7 @@ impl<'a> Props<'a> {
     /// Refuses what a shape may say to be inside or outside of it.
     pub(super) fn refuse_media(&self) -> Result<()> {
         for name in ["interior", "exterior"] {
-            let Some(property) = self.get(name) else { continue };
+            let Some(property) = self.object.properties.iter().find(|p| p.name == name) else { continue };
             let medium = self.object_of(property)?.map(|index| &self.tree.objects[index]);
             let which = medium.map_or(String::new(), |m| format!(" ({} plugin '{}')", m.tag, m.plugin));
             let message = format!(
@@ -248,7 +248,8 @@ impl<'a> Props<'a> {
         for property in self.unused() {
             let is_object = matches!(property.value, Value::Object(_) | Value::Reference(_));
             if is_object && property.name.is_empty() {
-                let message = format!("{} does not know {}", self.title(), self.tree.name_of(property));
+                let message =
+                    format!("{} does not know the child {}", self.title(), self.tree.name_of(property));
                 return Err(self.tree.error(property.pos, message));
             }
             property.used.set(true);

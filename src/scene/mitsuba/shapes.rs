@@ -302,10 +302,11 @@ impl<'a> Loader<'a> {
 }
 
 /// A transform of the sphere around `center` that Mitsuba shows where the given one shears or stretches: its middle
-/// goes where it should, its radius is scaled by the length of the first column. `None` if it stays a sphere anyway.
+/// goes where it should, its radius is scaled by the length of the first column. `None` if it stays a sphere
+/// anyway.
 fn kept_round(to_world: DAffine3, center: DVec3) -> Option<DAffine3> {
-    let m = to_world.matrix3;
-    if similarity(&[m.x_axis, m.y_axis, m.z_axis]).is_some() {
+    let (m, rounded) = (to_world.matrix3, to_f32(to_world).matrix3);
+    if similarity(&[rounded.x_axis, rounded.y_axis, rounded.z_axis].map(|a| a.as_dvec3())).is_some() {
         return None;
     }
     let x = m.x_axis.try_normalize()?;

@@ -116,19 +116,21 @@ pub(super) struct Tree {
     warnings: RefCell<Vec<String>>,
     /// What is told once.
     told: RefCell<HashSet<String>>,
-    unknown: RefCell<Unknown>,
+    unknown: RefCell<Vec<Unknown>>,
     /// Files and folders that were looked for in vain, and where they are named first.
     missing: RefCell<Vec<(Pos, String)>>,
     parameters: Vec<Parameter>,
 }
 
-/// Parameters that nothing here knows.
-#[derive(Debug, Default)]
+/// Parameters that a plugin does not know.
+#[derive(Debug)]
 struct Unknown {
-    /// Plugin and name, and where it stands first.
-    parameters: Vec<(Pos, String)>,
-    /// Plugins, and what they know.
-    plugins: Vec<(String, Vec<&'static str>)>,
+    title: String,
+    /// Where the first of them stands.
+    pos: Pos,
+    parameters: Vec<String>,
+    /// What it knows.
+    known: Vec<&'static str>,
 }
 
 #[derive(Clone, Debug)]
@@ -221,11 +223,9 @@ impl Tree {
     /// What to call a parameter, or a child without a name, in messages.
     pub(super) fn name_of(&self, property: &Property) -> String {
         match &property.value {
-            Value::Object(index) if property.name.is_empty() => {
-                format!("the child <{}>", self.objects[*index].tag)
-            }
-            Value::Reference(id) if property.name.is_empty() => format!("the child <ref id=\"{id}\">"),
-            _ => format!("the parameter '{}'", property.name),
+            Value::Object(index) if property.name.is_empty() => format!("<{}>", self.objects[*index].tag),
+            Value::Reference(id) if property.name.is_empty() => format!("<ref id=\"{id}\">"),
+            _ => format!("'{}'", property.name),
         }
     }
 
@@ -240,39 +240,37 @@ impl Tree {
 
     /// Notes a parameter that the plugin of this title does not know, for the list at the end of all warnings.
     pub(super) fn note_unknown(&self, title: &str, property: &Property, known: &[&'static str]) {
-        let name = &property.name;
-        let mut message = format!("{title} does not know {}", self.name_of(property));
-        if !self.told.borrow_mut().insert(message.clone()) {
+        let what = self.name_of(property);
+        if !self.told.borrow_mut().insert(format!("{title} does not know {what}")) {
             return;
         }
-        let distance = |known: &&&str| strsim::damerau_levenshtein(known, name);
-        match known.iter().min_by_key(distance) {
-            Some(near) if distance(&near) <= 1 + name.len() / 5 => {
-                message += &format!(": did you mean '{near}'?");
-            }
-            _ => {}
+        let mut list = self.unknown.borrow_mut();
+        let index = list.iter().position(|unknown| unknown.title == title).unwrap_or(list.len());
+        if index == list.len() {
+            let (title, pos) = (title.into(), property.pos);
+            list.push(Unknown { title, pos, parameters: Vec::new(), known: Vec::new() });
         }
-        let Unknown { parameters, plugins } = &mut *self.unknown.borrow_mut();
-        parameters.push((property.pos, message));
-        match plugins.iter_mut().find(|(plugin, _)| plugin == title) {
-            Some((_, all)) => all.extend(known),
-            None => plugins.push((title.into(), known.to_vec())),
-        }
+        let unknown = &mut list[index];
+        unknown.known.extend(known);
+        let at = match property.pos.file == unknown.pos.file {
+            true => format!("line {}", property.pos.line),
+            false => format!("{}:{}", self.file(property.pos).display(), property.pos.line),
+        };
+        let meant =
+            nearest(&property.name, known).map_or_else(String::new, |n| format!(", did you mean '{n}'?"));
+        unknown.parameters.push(format!("{what} ({at}{meant})"));
     }
 
-    /// The list of what was noted.
-    fn unknown_parameters(&self) -> Option<String> {
-        let Unknown { parameters, plugins } = self.unknown.take();
-        let mut list = String::from("parameters that no plugin here knows have no effect:");
-        list.extend(parameters.iter().map(|(pos, message)| format!("\n  {}", self.at(*pos, message))));
-        for (plugin, mut known) in plugins {
+    /// The list of what was noted: a warning for each plugin.
+    fn unknown_parameters(&self) -> impl Iterator<Item = String> + use<'_> {
+        self.unknown.take().into_iter().map(|Unknown { title, pos, parameters, mut known }| {
             known.sort_unstable();
             known.dedup();
-            if !known.is_empty() {
-                list += &format!("\n  {plugin} knows {}", known.join(", "));
-            }
-        }
-        (!parameters.is_empty()).then_some(list)
+            let (parameters, known) = (parameters.join(", "), known.join(", "));
+            let message =
+                format!("{title} does not know, so these have no effect: {parameters}; it knows {known}");
+            self.at(pos, &message)
+        })
     }
 
     /// The mesh attributes that an object looks up, by whatever it holds or refers to.
@@ -329,8 +327,9 @@ impl Tree {
             [] => made,
             [(pos, what)] => Err(self.error(*pos, format!("{what} not found {SEARCHED}"))),
             [(first, _), ..] => {
-                let mut message = format!("{} files not found {SEARCHED}:", missing.len());
-                message.extend(missing.iter().map(|(pos, what)| format!("\n  {}", self.at(*pos, what))));
+                let mut message = format!("{} files not found {SEARCHED}: ", missing.len());
+                let list: Vec<_> = missing.iter().map(|(pos, what)| self.at(*pos, what)).collect();
+                message += &list.join("; ");
                 Err(self.error(*first, message))
             }
         }
@@ -866,6 +865,14 @@ impl Reader<'_> {
         };
         Ok(matrix)
     }
+}
+
+/// The word that is spelt nearly like `name`, if there is one.
+fn nearest<'w>(name: &str, words: &[&'w str]) -> Option<&'w str> {
+    // Comparing takes time in proportion to the length.
+    let name = Some(name).filter(|name| name.len() < 100)?;
+    let distances = words.iter().map(|word| (strsim::damerau_levenshtein(word, name), *word));
+    distances.min().filter(|(distance, _)| *distance <= 1 + name.len() / 5).map(|(_, word)| word)
 }
 
 /// Splits at commas and white space.
