@@ -119,7 +119,7 @@ pub(super) fn load(path: &Path, size: Option<(u32, u32)>) -> Result<SceneDescrip
 }
 
 /// A camera that sees all of `bounds`.
-fn camera(bounds: Bounds, aspect: f32) -> Camera {
+pub(super) fn camera(bounds: Bounds, aspect: f32) -> Camera {
     let half_width = (0.5 * FIELD_OF_VIEW.to_radians()).tan();
     let smaller = half_width.min(half_width / aspect).atan();
     let (center, radius) = match bounds.is_empty() {

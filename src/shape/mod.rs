@@ -337,7 +337,7 @@ fn similar(a: DVec3, b: DVec3) -> bool {
 }
 
 /// The scale of three axes if they belong to a similarity.
-fn similarity(axes: &[DVec3; 3]) -> Option<f64> {
+pub(crate) fn similarity(axes: &[DVec3; 3]) -> Option<f64> {
     let [x, y, z] = *axes;
     (similar(x, y) && similar(y, z) && similar(z, x)).then(|| (x.length() + y.length() + z.length()) / 3.0)
 }

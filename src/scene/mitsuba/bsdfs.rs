@@ -1,8 +1,8 @@
 //! BSDF plugins to materials.
 
-use super::Loader;
 use super::props::Props;
 use super::xml::{Property, Value, tokens};
+use super::{Loader, disney};
 use crate::Result;
 use crate::bsdf::{
     Coating, Distribution, Perturbation, PrincipledParams, PrincipledThinParams, RoughCoating, WardVariant,
@@ -11,7 +11,7 @@ use crate::image_io::Domain;
 use crate::math::Rgb;
 use crate::scene::ior;
 use crate::scene::material::{Material, Roughness};
-use crate::scene::spectrum::Role;
+use crate::scene::spectrum::{Role, Spectrum};
 use crate::texture::{Color, Scalar};
 
 const KNOWN: &str = "diffuse, dielectric, thindielectric, roughdielectric, conductor, roughconductor, plastic, \
@@ -65,11 +65,13 @@ impl<'a> Loader<'a> {
                 if eta == 1.0 {
                     return Err(props.error("a roughdielectric needs different indices inside and outside"));
                 }
-                Material::RoughDielectric {
-                    reflectance: color("specular_reflectance", 1.0)?,
-                    transmittance: color("specular_transmittance", 1.0)?,
-                    roughness: self.roughness(props)?,
-                    eta,
+                let reflectance = color("specular_reflectance", 1.0)?;
+                let transmittance = color("specular_transmittance", 1.0)?;
+                match self.roughness(props)? {
+                    Some(roughness) => {
+                        Material::RoughDielectric { reflectance, transmittance, roughness, eta }
+                    }
+                    None => Material::Dielectric { reflectance, transmittance, eta },
                 }
             }
             "conductor" => {
@@ -80,7 +82,10 @@ impl<'a> Loader<'a> {
             "roughconductor" => {
                 let reflectance = color("specular_reflectance", 1.0)?;
                 let (eta, k) = self.complex_ior(props)?;
-                Material::RoughConductor { eta, k, roughness: self.roughness(props)?, reflectance }
+                match self.roughness(props)? {
+                    Some(roughness) => Material::RoughConductor { eta, k, roughness, reflectance },
+                    None => Material::Conductor { eta, k, reflectance },
+                }
             }
             "plastic" => Material::Plastic {
                 diffuse: color("diffuse_reflectance", 0.5)?,
@@ -92,16 +97,17 @@ impl<'a> Loader<'a> {
                 let diffuse = color("diffuse_reflectance", 0.5)?;
                 let specular = color("specular_reflectance", 1.0)?;
                 let eta = relative_ior(props, "polypropylene")?;
-                let coating = rough_coating(props, eta)?;
-                Material::RoughPlastic {
-                    coating,
-                    diffuse,
-                    specular,
-                    nonlinear: props.boolean("nonlinear", false)?,
+                let nonlinear = props.boolean("nonlinear", false)?;
+                match rough_coating(props, eta)? {
+                    Some(coating) => Material::RoughPlastic { coating, diffuse, specular, nonlinear },
+                    None => Material::Plastic { coating: Coating::new(eta), diffuse, specular, nonlinear },
                 }
             }
             "principled" => Material::Principled(Box::new(self.principled(props)?)),
             "principledthin" => Material::PrincipledThin(Box::new(self.principled_thin(props)?)),
+            plugin if disney::PLUGINS.contains(&plugin) => {
+                Material::Principled(Box::new(self.disney(props)?))
+            }
             // Of Mitsuba 0.6.
             "phong" => Material::Phong {
                 diffuse: color("diffuse_reflectance", 0.5)?,
@@ -136,7 +142,7 @@ impl<'a> Loader<'a> {
                 let eta = relative_ior(props, "bk7")?;
                 let rough = match props.plugin() {
                     "coating" => None,
-                    _ => Some(rough_coating(props, eta)?),
+                    _ => rough_coating(props, eta)?,
                 };
                 let nested = self.only_nested_bsdf(props)?;
                 if nested.transmits() {
@@ -146,12 +152,18 @@ impl<'a> Loader<'a> {
             }
             "mixturebsdf" if props.object.old => self.mixture(props)?,
             "normalmap" => {
-                let normals = self.color_of(props, self.nested_texture(props)?, Role::Unbounded)?;
+                let normals = match props.has("filename") {
+                    true => Color::Texture(self.own_bitmap(props)?),
+                    false => self.color_of(props, self.nested_texture(props)?, Role::Unbounded)?,
+                };
                 let rules = perturbation(props)?;
                 Material::NormalMap { normals, nested: self.only_nested_bsdf(props)?, rules }
             }
             "bumpmap" => {
-                let height = self.scalar_of(props, self.nested_texture(props)?)?;
+                let height = match props.has("filename") {
+                    true => Scalar::Texture(self.own_bitmap(props)?),
+                    false => self.scalar_of(props, self.nested_texture(props)?)?,
+                };
                 let (scale, rules) = (props.float("scale", 1.0)?, perturbation(props)?);
                 Material::BumpMap { height, scale, nested: self.only_nested_bsdf(props)?, rules }
             }
@@ -172,12 +184,12 @@ impl<'a> Loader<'a> {
     }
 
     fn ward(&mut self, props: Props<'a>) -> Result<Material> {
-        let alpha = self.positive(props, "alpha", Scalar::Constant(0.1))?;
+        let alpha = self.alpha(props, "alpha", Scalar::Constant(0.1))?;
         Ok(Material::Ward {
             diffuse: self.color(props, "diffuse_reflectance", Role::Reflectance, Rgb::splat(0.5))?,
             specular: self.color(props, "specular_reflectance", Role::Reflectance, Rgb::splat(0.2))?,
-            alpha_u: self.positive(props, "alpha_u", alpha)?,
-            alpha_v: self.positive(props, "alpha_v", alpha)?,
+            alpha_u: self.alpha(props, "alpha_u", alpha)?,
+            alpha_v: self.alpha(props, "alpha_v", alpha)?,
             variant: props.choice(
                 "variant",
                 WardVariant::Balanced,
@@ -233,7 +245,13 @@ impl<'a> Loader<'a> {
     }
 
     /// A number that may be textured; not negative, and at most `most` if it is none.
-    fn scalar_up_to(&mut self, props: Props<'a>, name: &str, default: f32, most: f32) -> Result<Scalar> {
+    fn scalar_up_to(
+        &mut self,
+        props: Props<'a>,
+        name: &'static str,
+        default: f32,
+        most: f32,
+    ) -> Result<Scalar> {
         match self.scalar(props, name, default)? {
             // For rounding in luminances.
             Scalar::Constant(x) if x > 1.0001 * most => {
@@ -347,8 +365,8 @@ impl<'a> Loader<'a> {
             if props.has("material") && !material.eq_ignore_ascii_case("none") {
                 return Err(props.error_at("material", "give either 'material' or 'eta' and 'k', not both"));
             }
-            let eta = self.color(props, "eta", Role::Unbounded, Rgb::ZERO)?;
-            return Ok((eta, self.color(props, "k", Role::Unbounded, Rgb::ONE)?));
+            let eta = self.index_part(props, "eta", Rgb::ZERO)?;
+            return Ok((eta, self.index_part(props, "k", Rgb::ONE)?));
         }
         match ior::conductor(material) {
             Some((eta, k)) => Ok((Color::Constant(eta), Color::Constant(k))),
@@ -360,45 +378,74 @@ impl<'a> Loader<'a> {
         }
     }
 
-    /// A number that may be textured, but is not 0 if it is not.
-    fn positive(&mut self, props: Props<'a>, name: &str, default: Scalar) -> Result<Scalar> {
+    /// A part of a complex index of refraction. Measured ones may be negative in RGB; as Fresnel's formulas square
+    /// both parts, only their size counts.
+    fn index_part(&mut self, props: Props<'a>, name: &'static str, default: Rgb) -> Result<Color> {
+        let size = match props.get(name).map(|p| &p.value) {
+            Some(Value::Rgb(v)) if v.min_element() < 0.0 => v.abs().as_vec3(),
+            Some(Value::Float(v) | Value::Spectrum(Spectrum::Uniform(v))) if *v < 0.0 => {
+                Rgb::splat(v.abs() as f32)
+            }
+            Some(Value::Integer(v)) if *v < 0 => Rgb::splat((*v as f32).abs()),
+            _ => return self.color(props, name, Role::Unbounded, default),
+        };
+        self.warn_at(props.pos(name), &format!("'{name}' is negative: only its size counts, as in Mitsuba"));
+        Ok(Color::Constant(size))
+    }
+
+    /// A roughness that may be textured. What is negative is taken for 0, as in Mitsuba.
+    fn alpha(&mut self, props: Props<'a>, name: &'static str, default: Scalar) -> Result<Scalar> {
         if !props.has(name) {
             return Ok(default);
         }
-        match self.scalar(props, name, 0.0)? {
-            Scalar::Constant(a) if a <= 0.0 || a.is_nan() => {
-                Err(props.error_at(name, format!("'{name}' is {a}, but must be positive")))
-            }
-            scalar => Ok(scalar),
+        if let Some(Value::Float(_) | Value::Integer(_)) = props.get(name).map(|p| &p.value) {
+            return Ok(Scalar::Constant(constant_alpha(props, name, 0.0)?));
         }
+        self.scalar(props, name, 0.0)
     }
 
-    fn roughness(&mut self, props: Props<'a>) -> Result<Roughness> {
+    /// `None` if the surface is smooth.
+    fn roughness(&mut self, props: Props<'a>) -> Result<Option<Roughness>> {
         props.boolean("sample_visible", true)?;
         let anisotropic = props.has("alpha_u") || props.has("alpha_v");
         if anisotropic && (props.has("alpha") || !props.has("alpha_u") || !props.has("alpha_v")) {
             let at = if props.has("alpha_u") { "alpha_u" } else { "alpha_v" };
             return Err(props.error_at(at, "give either 'alpha', or 'alpha_u' and 'alpha_v'"));
         }
-        let mut alpha = |name| self.positive(props, name, Scalar::Constant(0.1));
+        let mut alpha = |name| self.alpha(props, name, Scalar::Constant(0.1));
         let (alpha_u, alpha_v) = if anisotropic {
             (alpha("alpha_u")?, alpha("alpha_v")?)
         } else {
             let alpha = alpha("alpha")?;
             (alpha, alpha)
         };
-        Ok(Roughness { distribution: distribution(props)?, alpha_u, alpha_v })
+        let distribution = distribution(props)?;
+        let is_smooth = [alpha_u, alpha_v].iter().all(|a| matches!(a, Scalar::Constant(a) if *a <= SMOOTH));
+        Ok((!is_smooth).then_some(Roughness { distribution, alpha_u, alpha_v }))
     }
 }
 
-/// The rough surface of a layer, whose roughness is the same everywhere: it has tables.
-fn rough_coating(props: Props, eta: f32) -> Result<Box<RoughCoating>> {
-    let alpha = props.float("alpha", 0.1)?;
-    if !(alpha > 0.0 && alpha.is_finite()) {
-        return Err(props.error_at("alpha", format!("'alpha' is {alpha}, but must be positive")));
+/// Mitsuba raises roughness to this: facets are so much alike then that the surface is as good as smooth.
+const SMOOTH: f32 = 1e-4;
+
+/// A roughness that is the same everywhere. What is negative is taken for 0, as in Mitsuba.
+fn constant_alpha(props: Props, name: &'static str, default: f32) -> Result<f32> {
+    let alpha = props.float(name, default)?;
+    if !alpha.is_finite() {
+        return Err(props.error_at(name, format!("'{name}' is out of range")));
     }
+    if alpha < 0.0 {
+        props.tree.warn(props.pos(name), &format!("'{name}' is {alpha}: taken for 0, a smooth surface"));
+    }
+    Ok(alpha.max(0.0))
+}
+
+/// The rough surface of a layer, whose roughness is the same everywhere, as it has tables. `None` if it is smooth.
+fn rough_coating(props: Props, eta: f32) -> Result<Option<Box<RoughCoating>>> {
+    let alpha = constant_alpha(props, "alpha", 0.1)?;
     props.boolean("sample_visible", true)?;
-    Ok(Box::new(RoughCoating::new(eta, alpha, distribution(props)?)))
+    let distribution = distribution(props)?;
+    Ok((alpha > SMOOTH).then(|| Box::new(RoughCoating::new(eta, alpha, distribution))))
 }
 
 /// How perturbed normals are used: Mitsuba 0.6 had neither rule.
@@ -422,7 +469,7 @@ fn distribution(props: Props) -> Result<Distribution> {
 }
 
 /// The name of two under which a property is given.
-fn either<'n>(props: Props, name: &'n str, other: &'n str) -> &'n str {
+fn either(props: Props, name: &'static str, other: &'static str) -> &'static str {
     if props.has(name) || !props.has(other) { name } else { other }
 }
 
@@ -451,7 +498,7 @@ fn principled_ior(props: Props, transmits: bool) -> Result<f32> {
 }
 
 /// Weight of a lobe among what is sampled.
-fn sampling_rate(props: Props, name: &str) -> Result<f32> {
+fn sampling_rate(props: Props, name: &'static str) -> Result<f32> {
     let rate = props.float(name, 1.0)?;
     if rate >= 0.0 && rate.is_finite() {
         return Ok(rate);
@@ -461,7 +508,7 @@ fn sampling_rate(props: Props, name: &str) -> Result<f32> {
 
 /// Interior over exterior index; either may be a number or a name.
 fn relative_ior(props: Props, interior: &str) -> Result<f32> {
-    let index = |name: &str, default: &str| -> Result<f32> {
+    let index = |name: &'static str, default: &str| -> Result<f32> {
         let word = match props.get(name).map(|p| &p.value) {
             None => default,
             Some(Value::String(word)) => word,

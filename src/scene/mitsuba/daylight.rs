@@ -164,7 +164,7 @@ fn when(props: Props) -> Result<When> {
     })
 }
 
-fn scale(props: Props, name: &str, default: f32) -> Result<f32> {
+fn scale(props: Props, name: &'static str, default: f32) -> Result<f32> {
     let scale = props.float(name, default)?;
     if scale >= 0.0 && scale.is_finite() {
         return Ok(scale);

@@ -21,27 +21,38 @@ const FREE: [&str; 10] =
     ["point", "spot", "projector", "directional", "collimated", "constant", "envmap", "sunsky", "sky", "sun"];
 
 impl<'a> Loader<'a> {
-    /// The light that a shape is.
-    pub(super) fn shape_light(&mut self, props: Props<'a>, shape: u32) -> Result<Light> {
-        let beam = match props.plugin() {
-            "area" => false,
-            "directionalarea" => true,
-            plugin if FREE.contains(&plugin) => {
-                let message = format!(
-                    "{} cannot stand inside a shape, only 'area' and 'directionalarea' can",
-                    props.title()
-                );
-                return Err(props.error(message));
-            }
-            _ => return Err(props.unknown_plugin(KNOWN)),
-        };
+    /// What an emitter inside a shape sends out.
+    pub(super) fn shape_light(&mut self, props: Props<'a>, shape: u32) -> Result<()> {
+        let plugin = props.plugin();
+        if FREE.contains(&plugin) && plugin != "constant" {
+            // As Mitsuba 3 has it.
+            let message = format!("{} inside a shape shines as if it stood beside it", props.title());
+            self.tree.warn_once(props.object.pos, &message);
+            return self.emitter(props);
+        }
+        if plugin == "constant" {
+            self.tree
+                .warn_once(props.object.pos, "emitter plugin 'constant' inside a shape is read as 'area'");
+            props.to_world()?; // means nothing
+        } else if !of_shapes(plugin) {
+            return Err(props.unknown_plugin(KNOWN));
+        }
         let radiance = self.color(props, "radiance", Role::Emission, Rgb::ONE)?;
         finish(props)?;
-        Ok(if beam { Light::DirectionalArea { shape, radiance } } else { Light::Area { shape, radiance } })
+        self.lit.insert(props.index);
+        self.emitters.push((shape, props));
+        self.lights.push(Pending::Ready(match plugin {
+            "directionalarea" => Light::DirectionalArea { shape, radiance },
+            _ => Light::Area { shape, radiance },
+        }));
+        Ok(())
     }
 
-    /// An emitter directly inside the scene.
+    /// An emitter that is no shape. It is made once, however often it is referred to.
     pub(super) fn emitter(&mut self, props: Props<'a>) -> Result<()> {
+        if !self.lit.insert(props.index) {
+            return Ok(());
+        }
         let lights = match props.plugin() {
             "sunsky" if !props.object.old => self.sunsky(props)?,
             "sunsky" | "sky" | "sun" if props.object.old => self.old_daylight(props)?,
@@ -109,9 +120,6 @@ impl<'a> Loader<'a> {
                     power: self.constant_color(props, "power", Role::Emission, Rgb::ONE)?,
                 }
             }
-            "area" | "directionalarea" => {
-                return Err(props.error(format!("{} belongs inside a shape", props.title())));
-            }
             _ => return Err(props.unknown_plugin(KNOWN)),
         })
     }
@@ -136,7 +144,7 @@ impl<'a> Loader<'a> {
     fn either_or(
         &self,
         props: Props,
-        name: &str,
+        name: &'static str,
         of_transform: impl Fn(glam::Affine3A) -> Vec3,
     ) -> Result<Vec3> {
         match props.opt_vector(name)? {
@@ -177,6 +185,11 @@ impl<'a> Loader<'a> {
             })
         }))
     }
+}
+
+/// Whether the plugin is one of those that make shapes shine.
+pub(super) fn of_shapes(plugin: &str) -> bool {
+    matches!(plugin, "area" | "directionalarea")
 }
 
 fn finish(props: Props) -> Result<()> {

@@ -3,7 +3,9 @@
 
 mod bsdfs;
 mod daylight;
+mod disney;
 mod emitters;
+mod markup;
 mod props;
 mod refused;
 mod sensor;
@@ -13,15 +15,17 @@ mod upgrade;
 mod xml;
 
 #[cfg(test)]
+mod lenient_tests;
+#[cfg(test)]
 mod old_tests;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod texel_tests;
 
-use super::instances;
 use super::pending::{Pending, unless_failed};
 use super::{IntegratorParam, SceneDescription};
+use super::{instances, mtl};
 use crate::Result;
 use crate::image_io::Domain;
 use crate::light::Light;
@@ -29,7 +33,9 @@ use crate::scene::Material;
 use crate::shape::{Bounds, Geometry, Instance};
 use crate::texture::Texture;
 use props::Props;
-use std::collections::{BTreeMap, HashMap};
+use sensor::Sensor;
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use xml::{Property, Tree, Value};
 
@@ -53,6 +59,8 @@ struct Loader<'a> {
     /// What values of textures are checked for.
     texel_checks: BTreeMap<(u32, Domain), textures::TexelCheck>,
     lights: Vec<Pending<Light>>,
+    /// Emitters that are lights, wherever they stand or are referred to.
+    lit: HashSet<usize>,
     /// Shapes that are lights, and the light.
     emitters: Vec<(u32, Props<'a>)>,
     /// Names of all mesh attributes that anything looks up.
@@ -69,6 +77,15 @@ struct Loader<'a> {
     files: u32,
     shape_material: Vec<u32>,
     depth: u32,
+}
+
+/// What a scene holds besides materials, shapes and lights.
+struct Outline {
+    sensor: Option<Sensor>,
+    /// Type and parameters; an empty type if there is none.
+    integrator: (String, Vec<IntegratorParam>),
+    /// Where the groups are among the shapes.
+    groups: Vec<Range<u32>>,
 }
 
 /// Reads a Mitsuba scene.
@@ -88,6 +105,7 @@ pub(super) fn load(
         bitmap_files: HashMap::new(),
         texel_checks: BTreeMap::new(),
         lights: Vec::new(),
+        lit: HashSet::new(),
         emitters: Vec::new(),
         attribute_names: attribute_names(&tree),
         attributes: Vec::new(),
@@ -99,40 +117,18 @@ pub(super) fn load(
         shape_material: Vec::new(),
         depth: 0,
     };
-    let scene = Props::new(&tree, 0);
-    let (mut sensor, mut integrator) = (None, None);
-    for (child, pos) in scene.children()? {
-        match child.object.tag.as_str() {
-            "shape" => loader.shape(child)?,
-            "emitter" => loader.emitter(child)?,
-            "sensor" if sensor.is_some() => {
-                loader.warn_at(pos, "a scene with several sensors is rendered with the first");
-            }
-            "sensor" => sensor = Some(loader.sensor(child, size)?),
-            "integrator" if integrator.is_some() => {
-                loader.warn_at(pos, "a second integrator is ignored");
-            }
-            "integrator" => integrator = Some(loader.integrator(child)?),
-            // Made where something refers to them.
-            "bsdf" | "texture" | "medium" | "volume" | "phase" => {}
-            "film" | "sampler" | "rfilter" => {
-                return Err(child.error(format!("<{}> belongs inside a <sensor>", child.object.tag)));
-            }
-            tag => return Err(child.error(format!("<{tag}> cannot stand inside <scene>"))),
+    let walked = loader.walk(size);
+    let walked = tree.unless_files_are_missing(walked)?;
+    let Outline { sensor, integrator: (integrator, mut integrator_params), groups } = walked;
+    let (camera, film, mut sample_count) = match sensor {
+        Some(Sensor { camera, film, sample_count }) => (Some(camera), film, sample_count),
+        None => {
+            let message = "the scene has no <sensor>: all of it is seen from a little above, +y being up";
+            tree.warn(tree.objects[0].pos, message);
+            (None, sensor::default_film(size), sensor::DEFAULT_SAMPLES)
         }
-    }
-    let groups = loader.grouped_shapes()?;
-    // Named textures and media at the top are definitions like the rest.
-    for property in scene.unused().filter(|p| matches!(p.value, Value::Object(_))) {
-        property.used.set(true);
-    }
-    scene.finish()?;
-    let Some(sensor) = sensor else {
-        return Err(scene.error("the scene has no <sensor>: there is no view to render"));
     };
-    let (integrator, mut integrator_params) = integrator.unwrap_or_default();
     // Mitsuba 0.6's progressive photon mappers count passes, not samples.
-    let mut sample_count = sensor.sample_count;
     if let Some(i) = integrator_params.iter().position(|p| p.name == "max_passes") {
         let passes = integrator_params.swap_remove(i).value;
         sample_count = passes.parse().ok().filter(|n| *n > 0).unwrap_or(sample_count);
@@ -173,14 +169,15 @@ pub(super) fn load(
     }
     let mut shape_material = loader.shape_material;
     instances::copy_small(&mut geometry, &mut shape_material);
+    let bounds = geometry.bounds();
     Ok(SceneDescription {
         geometry,
         shape_material,
         materials: loader.materials,
         textures,
         lights,
-        camera: sensor.camera,
-        film: sensor.film,
+        camera: camera.unwrap_or_else(|| mtl::camera(bounds, film.size.0 as f32 / film.size.1 as f32)),
+        film,
         sample_count,
         integrator,
         integrator_params,
@@ -220,6 +217,57 @@ impl<'a> Loader<'a> {
         self.tree.warn(pos, message);
     }
 
+    /// Goes through everything inside the scene.
+    fn walk(&mut self, size: Option<(u32, u32)>) -> Result<Outline> {
+        let scene = Props::new(self.tree, 0);
+        let (mut sensor, mut integrator) = (None, None);
+        let (mut seen, mut lamps) = (HashSet::new(), Vec::new());
+        let wrapped = self.wrapped_integrators();
+        for (child, pos) in scene.children()? {
+            match child.object.tag.as_str() {
+                "shape" => self.shape(child)?,
+                "emitter" if emitters::of_shapes(child.plugin()) => lamps.push(child),
+                "emitter" => self.emitter(child)?,
+                // What a reference names again.
+                "sensor" | "integrator" if !seen.insert(child.index) => {}
+                "sensor" if sensor.is_some() => {
+                    self.warn_at(pos, "a scene with several sensors is rendered with the first");
+                }
+                "sensor" => sensor = Some(self.sensor(child, size)?),
+                "integrator" if wrapped.contains(&child.index) => {}
+                "integrator" if integrator.is_some() => {
+                    self.warn_at(pos, "a second integrator is ignored");
+                }
+                "integrator" => integrator = Some(self.integrator(child)?),
+                // Made where something refers to them.
+                "bsdf" | "texture" | "medium" | "volume" | "phase" | "subsurface" | "film" | "sampler"
+                | "rfilter" => {}
+                tag => return Err(child.error(format!("<{tag}> cannot stand inside <scene>"))),
+            }
+        }
+        let groups = self.grouped_shapes()?;
+        for lamp in lamps.iter().filter(|lamp| !self.lit.contains(&lamp.index)) {
+            let message = format!("{} shines only inside a shape, and no shape refers to it", lamp.title());
+            self.warn_at(lamp.object.pos, &message);
+        }
+        // Named textures and media at the top are definitions like the rest.
+        for property in scene.unused().filter(|p| matches!(p.value, Value::Object(_))) {
+            property.used.set(true);
+        }
+        scene.finish()?;
+        Ok(Outline { sensor, integrator: integrator.unwrap_or_default(), groups })
+    }
+
+    /// Integrators that others hold or refer to.
+    fn wrapped_integrators(&self) -> HashSet<usize> {
+        let integrators = self.tree.objects.iter().enumerate().filter(|(_, o)| o.tag == "integrator");
+        let inside = integrators.flat_map(|(outer, object)| {
+            let inner = object.properties.iter().filter_map(|p| self.tree.object_of(&p.value));
+            inner.filter(move |inner| *inner != outer)
+        });
+        inside.collect()
+    }
+
     /// The place of one more file in the scene.
     fn next_file(&mut self) -> u32 {
         self.files += 1;
@@ -239,60 +287,56 @@ impl<'a> Loader<'a> {
 
     /// Type and parameters of the integrator inside all wrappers.
     fn integrator(&mut self, props: Props<'a>) -> Result<(String, Vec<IntegratorParam>)> {
-        if WRAPPERS.contains(&props.plugin()) {
-            let children = props.children()?;
-            let inner = children.iter().find(|(c, _)| c.object.tag == "integrator");
-            if props.object.old || props.plugin() == "stokes" {
+        let plugin = props.plugin();
+        let children = props.children()?;
+        let inner = children.iter().map(|(child, _)| *child).find(|c| c.object.tag == "integrator");
+        let is_known = INTEGRATORS.contains(&plugin) || LIGHTLESS.contains(&plugin);
+        if WRAPPERS.contains(&plugin) || !is_known && inner.is_some() {
+            if !WRAPPERS.contains(&plugin) {
+                let message = props.instead("what it wraps is rendered", &WRAPPERS);
+                self.warn_at(props.object.pos, &message);
+            } else if props.object.old || plugin == "stokes" {
                 let message = format!("{} has no effect but for what it wraps", props.title());
                 self.warn_at(props.object.pos, &message);
             }
             return match inner {
-                Some((inner, _)) => self.nested(*inner, |loader| loader.integrator(*inner)),
+                Some(inner) => self.nested(inner, |loader| loader.integrator(inner)),
                 None => Err(props.error(format!("{} contains no integrator", props.title()))),
             };
         }
-        if LIGHTLESS.contains(&props.plugin()) {
+        if LIGHTLESS.contains(&plugin) {
             let message = format!(
                 "{} shows no light, but light is rendered here: --aovs writes depth, normals and more",
                 props.title()
             );
             self.warn_at(props.object.pos, &message);
-        } else if !INTEGRATORS.contains(&props.plugin()) {
-            let known: Vec<_> = [&INTEGRATORS[..], &LIGHTLESS, &WRAPPERS].concat();
+        } else if !is_known {
             // Research code has many more, and photon mapping renders what they do.
-            let message = format!(
-                "unknown {}: rendered by photon mapping; known are {}",
-                props.title(),
-                known.join(", ")
-            );
-            self.warn_at(props.object.pos, &message);
+            let known = [&INTEGRATORS[..], &LIGHTLESS, &WRAPPERS].concat();
+            self.warn_at(props.object.pos, &props.instead("rendered by photon mapping", &known));
         }
         let mut params = Vec::new();
         for property in &props.object.properties {
             let Property { name, value, pos, .. } = property;
             let value = match value {
-                _ if UNUSED_INTEGRATOR_PARAMETERS.contains(&name.as_str()) => {
-                    self.tree.warn_ignored(&props.title(), property);
-                    continue;
-                }
                 Value::Float(v) => v.to_string(),
                 Value::Integer(v) => v.to_string(),
                 Value::Boolean(v) => v.to_string(),
                 Value::String(v) => v.clone(),
-                other => {
-                    let message =
-                        format!("{}: a parameter cannot be of type {}", props.title(), other.kind());
-                    return Err(self.tree.error(*pos, message));
-                }
+                _ => String::new(),
             };
+            if value.is_empty() || UNUSED_INTEGRATOR_PARAMETERS.contains(&name.as_str()) {
+                self.tree.warn_ignored(&props.title(), property);
+                continue;
+            }
             let file = self.tree.file(*pos).into();
             params.push(IntegratorParam { name: name.clone(), value, file, line: pos.line });
         }
         // Mitsuba's `direct` shows what lights emit and what one bounce makes of it.
-        if props.plugin() == "direct" && !params.iter().any(|p| p.name == "max_depth") {
+        if plugin == "direct" && !params.iter().any(|p| p.name == "max_depth") {
             let (file, line) = (self.tree.file(props.object.pos).into(), props.object.pos.line);
             params.push(IntegratorParam { name: "max_depth".into(), value: "2".into(), file, line });
         }
-        Ok((props.plugin().to_string(), params))
+        Ok((plugin.to_string(), params))
     }
 }

@@ -19,6 +19,7 @@ impl<'a> Props<'a> {
         for property in &props.object.properties {
             property.used.set(false);
         }
+        props.object.asked.borrow_mut().clear();
         props
     }
 
@@ -29,6 +30,9 @@ impl<'a> Props<'a> {
 
     /// What to call the object in messages.
     pub(super) fn title(&self) -> String {
+        if self.object.tag == "scene" {
+            return "the scene".into();
+        }
         format!("{} plugin '{}'", self.object.tag, self.object.plugin)
     }
 
@@ -47,6 +51,14 @@ impl<'a> Props<'a> {
         Some(self.error(format!("{} is not supported: {reason}", self.title())))
     }
 
+    /// What to do in the place of a plugin that is not supported or not known, for a warning.
+    pub(super) fn instead(&self, remedy: &str, known: &[&str]) -> String {
+        match refused::reason(&self.object.tag, self.plugin()) {
+            Some(reason) => format!("{} is not supported: {reason}: {remedy}", self.title()),
+            None => format!("unknown {}: {remedy}; known are {}", self.title(), known.join(", ")),
+        }
+    }
+
     /// For an object that cannot stand inside of a `container`, where something at `pos` puts it.
     pub(super) fn misplaced(&self, container: &str, pos: Pos) -> crate::Error {
         self.refusal().unwrap_or_else(|| {
@@ -58,7 +70,7 @@ impl<'a> Props<'a> {
     /// Refuses what a shape may say to be inside or outside of it.
     pub(super) fn refuse_media(&self) -> Result<()> {
         for name in ["interior", "exterior"] {
-            let Some(property) = self.get(name) else { continue };
+            let Some(property) = self.object.properties.iter().find(|p| p.name == name) else { continue };
             let medium = self.object_of(property)?.map(|index| &self.tree.objects[index]);
             let which = medium.map_or(String::new(), |m| format!(" ({} plugin '{}')", m.tag, m.plugin));
             let message = format!(
@@ -71,23 +83,25 @@ impl<'a> Props<'a> {
     }
 
     /// A property by name, marked as used.
-    pub(super) fn get(&self, name: &str) -> Option<&'a Property> {
+    pub(super) fn get(&self, name: &'static str) -> Option<&'a Property> {
+        self.object.asked.borrow_mut().push(name);
         let property = self.object.properties.iter().find(|p| p.name == name)?;
         property.used.set(true);
         Some(property)
     }
 
-    pub(super) fn has(&self, name: &str) -> bool {
+    pub(super) fn has(&self, name: &'static str) -> bool {
+        self.object.asked.borrow_mut().push(name);
         self.object.properties.iter().any(|p| p.name == name)
     }
 
     /// Where a property stands, or else its object.
-    pub(super) fn pos(&self, name: &str) -> Pos {
+    pub(super) fn pos(&self, name: &'static str) -> Pos {
         self.object.properties.iter().find(|p| p.name == name).map_or(self.object.pos, |p| p.pos)
     }
 
     /// An error at a property.
-    pub(super) fn error_at(&self, name: &str, message: impl Into<String>) -> crate::Error {
+    pub(super) fn error_at(&self, name: &'static str, message: impl Into<String>) -> crate::Error {
         self.tree.error(self.pos(name), message)
     }
 
@@ -101,7 +115,7 @@ impl<'a> Props<'a> {
         self.tree.error(p.pos, message)
     }
 
-    pub(super) fn opt_float(&self, name: &str) -> Result<Option<f32>> {
+    pub(super) fn opt_float(&self, name: &'static str) -> Result<Option<f32>> {
         match self.get(name) {
             None => Ok(None),
             Some(Property { value: Value::Float(v), .. }) => Ok(Some(*v as f32)),
@@ -110,11 +124,11 @@ impl<'a> Props<'a> {
         }
     }
 
-    pub(super) fn float(&self, name: &str, default: f32) -> Result<f32> {
+    pub(super) fn float(&self, name: &'static str, default: f32) -> Result<f32> {
         Ok(self.opt_float(name)?.unwrap_or(default))
     }
 
-    pub(super) fn opt_integer(&self, name: &str) -> Result<Option<i64>> {
+    pub(super) fn opt_integer(&self, name: &'static str) -> Result<Option<i64>> {
         match self.get(name) {
             None => Ok(None),
             Some(Property { value: Value::Integer(v), .. }) => Ok(Some(*v)),
@@ -125,7 +139,7 @@ impl<'a> Props<'a> {
     /// An integer in `range`.
     pub(super) fn count(
         &self,
-        name: &str,
+        name: &'static str,
         default: u32,
         range: std::ops::RangeInclusive<u32>,
     ) -> Result<u32> {
@@ -136,7 +150,7 @@ impl<'a> Props<'a> {
         })
     }
 
-    pub(super) fn boolean(&self, name: &str, default: bool) -> Result<bool> {
+    pub(super) fn boolean(&self, name: &'static str, default: bool) -> Result<bool> {
         match self.get(name) {
             None => Ok(default),
             Some(Property { value: Value::Boolean(v), .. }) => Ok(*v),
@@ -144,7 +158,7 @@ impl<'a> Props<'a> {
         }
     }
 
-    pub(super) fn opt_string(&self, name: &str) -> Result<Option<&'a str>> {
+    pub(super) fn opt_string(&self, name: &'static str) -> Result<Option<&'a str>> {
         match self.get(name) {
             None => Ok(None),
             Some(Property { value: Value::String(v), .. }) => Ok(Some(v)),
@@ -153,7 +167,7 @@ impl<'a> Props<'a> {
     }
 
     /// One of the given words, lower case.
-    pub(super) fn choice<T: Copy>(&self, name: &str, default: T, choices: &[(&str, T)]) -> Result<T> {
+    pub(super) fn choice<T: Copy>(&self, name: &'static str, default: T, choices: &[(&str, T)]) -> Result<T> {
         let Some(word) = self.opt_string(name)? else { return Ok(default) };
         choices.iter().find(|(w, _)| w.eq_ignore_ascii_case(word)).map(|(_, v)| *v).ok_or_else(|| {
             let words: Vec<_> = choices.iter().map(|(w, _)| *w).collect();
@@ -161,7 +175,7 @@ impl<'a> Props<'a> {
         })
     }
 
-    pub(super) fn opt_vector(&self, name: &str) -> Result<Option<DVec3>> {
+    pub(super) fn opt_vector(&self, name: &'static str) -> Result<Option<DVec3>> {
         match self.get(name) {
             None => Ok(None),
             Some(Property { value: Value::Vector(v), .. }) => Ok(Some(*v)),
@@ -169,7 +183,7 @@ impl<'a> Props<'a> {
         }
     }
 
-    pub(super) fn matrix(&self, name: &str) -> Result<DMat4> {
+    pub(super) fn matrix(&self, name: &'static str) -> Result<DMat4> {
         match self.get(name) {
             None => Ok(DMat4::IDENTITY),
             Some(Property { value: Value::Transform(v), .. }) => Ok(*v),
@@ -187,7 +201,7 @@ impl<'a> Props<'a> {
         self.invertible("to_world", DAffine3::from_mat4(m))
     }
 
-    pub(super) fn invertible(&self, name: &str, m: DAffine3) -> Result<DAffine3> {
+    pub(super) fn invertible(&self, name: &'static str, m: DAffine3) -> Result<DAffine3> {
         let det = m.matrix3.determinant();
         if det != 0.0 && det.is_finite() && m.inverse().is_finite() && to_f32(m).is_finite() {
             return Ok(m);
@@ -213,13 +227,11 @@ impl<'a> Props<'a> {
 
     /// The object that a property is or refers to.
     pub(super) fn object_of(&self, property: &Property) -> Result<Option<usize>> {
-        match &property.value {
-            Value::Object(index) => Ok(Some(*index)),
-            Value::Reference(id) => match self.tree.ids.get(id) {
-                Some(index) => Ok(Some(*index)),
-                None => Err(self.tree.error(property.pos, format!("nothing has the id '{id}'"))),
-            },
-            _ => Ok(None),
+        match (self.tree.object_of(&property.value), &property.value) {
+            (None, Value::Reference(id)) => {
+                Err(self.tree.error(property.pos, format!("nothing has the id '{id}'")))
+            }
+            (index, _) => Ok(index),
         }
     }
 
@@ -228,28 +240,22 @@ impl<'a> Props<'a> {
         self.object.properties.iter().filter(|p| !p.used.get())
     }
 
-    /// Mitsuba 0.6 warns of parameters that nobody asks for, so its scenes may have some.
+    /// Parameters that nobody asked for are noted: research forks have many more, and Mitsuba 0.6 took any.
     ///
     /// # Errors
-    /// If the object has a property that nobody asked for.
+    /// If the object holds another one that means nothing to it.
     pub(super) fn finish(self) -> Result<()> {
-        if self.object.old {
-            let plain = |p: &&Property| !matches!(p.value, Value::Object(_) | Value::Reference(_));
-            for property in self.unused().filter(plain) {
-                property.used.set(true);
-                self.tree.warn_ignored(&self.title(), property);
+        for property in self.unused() {
+            let is_object = matches!(property.value, Value::Object(_) | Value::Reference(_));
+            if is_object && property.name.is_empty() {
+                let message =
+                    format!("{} does not know the child {}", self.title(), self.tree.name_of(property));
+                return Err(self.tree.error(property.pos, message));
             }
+            property.used.set(true);
+            self.tree.note_unknown(&self.title(), property, &self.object.asked.borrow());
         }
-        match self.unused().next() {
-            None => Ok(()),
-            Some(p) => {
-                let name = match (&p.value, p.name.as_str()) {
-                    (Value::Object(i), "") => format!("child <{}>", self.tree.objects[*i].tag),
-                    (_, name) => format!("parameter '{name}'"),
-                };
-                Err(self.tree.error(p.pos, format!("{} does not know the {name}", self.title())))
-            }
-        }
+        Ok(())
     }
 }
 

@@ -49,7 +49,7 @@ const REFUSED: [(&str, &str, &str); 43] = [
     ("sensor", "spherical", "it sees all around, use several views of 'perspective'"),
     ("sensor", "telecentric", "use 'orthographic', which is the same without a lens"),
     ("sensor", "perspective_rdist", "use 'perspective', which is the same without distortion"),
-    ("film", "specfilm", "light has three channels, use 'hdrfilm'"),
+    ("film", "specfilm", "light has three channels"),
     ("medium", "homogeneous", MEDIUM),
     ("medium", "heterogeneous", MEDIUM),
     ("subsurface", "dipole", SUBSURFACE),

@@ -32,7 +32,7 @@ impl<'a> Loader<'a> {
             _ => return Err(props.unknown_plugin("perspective, thinlens, orthographic")),
         };
         let perspective = projection == Projection::Perspective;
-        let (mut film, mut sample_count) = (None, 4);
+        let (mut film, mut sample_count) = (None, DEFAULT_SAMPLES);
         for (child, pos) in props.children()? {
             match child.object.tag.as_str() {
                 "film" => film = Some(self.film(child, size)?),
@@ -40,11 +40,7 @@ impl<'a> Loader<'a> {
                 _ => return Err(child.misplaced("sensor", pos)),
             }
         }
-        let film = film.unwrap_or_else(|| {
-            let (width, height) = size.unwrap_or(DEFAULT_SIZE);
-            let filter = Filter::Gaussian { stddev: 0.5 };
-            FilmSettings { size: (width, height), crop: (0, 0, width, height), filter }
-        });
+        let film = film.unwrap_or_else(|| default_film(size));
         let aspect = film.size.0 as f32 / film.size.1 as f32;
         let to_world = props.to_world()?;
         let axes = [to_world.matrix3.x_axis, to_world.matrix3.y_axis, to_world.matrix3.z_axis];
@@ -98,7 +94,7 @@ impl<'a> Loader<'a> {
 
     fn film(&mut self, props: Props<'a>, size: Option<(u32, u32)>) -> Result<FilmSettings> {
         if props.plugin() != "hdrfilm" {
-            return Err(props.unknown_plugin("hdrfilm"));
+            self.warn_at(props.object.pos, &props.instead("read as 'hdrfilm'", &FILMS));
         }
         let sides = 1..=super::MAX_SIDE;
         let width = props.count("width", DEFAULT_SIZE.0, sides.clone())?;
@@ -122,11 +118,13 @@ impl<'a> Loader<'a> {
         for name in ["sample_border", "banner", "compensate", "high_quality_edges"] {
             props.boolean(name, false)?;
         }
-        let mut filter = Filter::Gaussian { stddev: 0.5 };
+        let mut filter = DEFAULT_FILTER;
         for (child, pos) in props.children()? {
             match child.object.tag.as_str() {
                 "rfilter" => filter = self.filter(child)?,
-                _ => return Err(child.misplaced("film", pos)),
+                tag => {
+                    self.tree.warn_once(pos, &format!("{}: a <{tag}> inside has no effect", props.title()))
+                }
             }
         }
         props.finish()?;
@@ -137,7 +135,7 @@ impl<'a> Loader<'a> {
     }
 
     fn filter(&mut self, props: Props<'a>) -> Result<Filter> {
-        let positive = |name: &str, default| -> Result<f32> {
+        let positive = |name: &'static str, default| -> Result<f32> {
             let value = props.float(name, default)?;
             if value > 0.0 && value < 1000.0 {
                 return Ok(value);
@@ -152,9 +150,12 @@ impl<'a> Loader<'a> {
                 let message =
                     format!("filter '{name}' has negative lobes: the default gaussian is used instead");
                 self.warn_at(props.object.pos, &message);
-                return Ok(Filter::Gaussian { stddev: 0.5 });
+                return Ok(DEFAULT_FILTER);
             }
-            _ => return Err(props.unknown_plugin("box, tent, gaussian, mitchell, catmullrom, lanczos")),
+            _ => {
+                self.warn_at(props.object.pos, &props.instead("the default gaussian is used", &FILTERS));
+                return Ok(DEFAULT_FILTER);
+            }
         };
         props.finish()?;
         Ok(filter)
@@ -163,20 +164,32 @@ impl<'a> Loader<'a> {
     /// Any sampler will do: only the number of samples matters.
     fn sampler(&mut self, props: Props<'a>) -> Result<u32> {
         if !SAMPLERS.contains(&props.plugin()) {
-            let message =
-                format!("unknown {}, which has no effect; known are {}", props.title(), SAMPLERS.join(", "));
-            self.warn_at(props.object.pos, &message);
+            self.warn_at(props.object.pos, &props.instead("only its number of samples counts", &SAMPLERS));
         }
-        let count = props.count("sample_count", 4, 1..=u32::MAX)?;
+        let count = props.count("sample_count", DEFAULT_SAMPLES, 1..=u32::MAX)?;
+        for name in ["seed", "jitter", "strength"] {
+            props.get(name);
+        }
         for property in props.unused() {
-            if !["seed", "jitter", "strength"].contains(&property.name.as_str()) {
-                let message = format!("parameter '{}' of the sampler has no effect", property.name);
-                self.warn_at(property.pos, &message);
-            }
+            self.tree.note_unknown(&props.title(), property, &props.object.asked.borrow());
         }
         Ok(count)
     }
 }
+
+/// The film of a sensor that has none.
+pub(super) fn default_film(size: Option<(u32, u32)>) -> FilmSettings {
+    let (width, height) = size.unwrap_or(DEFAULT_SIZE);
+    FilmSettings { size: (width, height), crop: (0, 0, width, height), filter: DEFAULT_FILTER }
+}
+
+/// Samples per pixel of a sensor without a sampler.
+pub(super) const DEFAULT_SAMPLES: u32 = 4;
+
+const DEFAULT_FILTER: Filter = Filter::Gaussian { stddev: 0.5 };
+
+const FILMS: [&str; 2] = ["hdrfilm", "specfilm"];
+const FILTERS: [&str; 6] = ["box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos"];
 
 #[rustfmt::skip]
 const SAMPLERS: [&str; 8] = [

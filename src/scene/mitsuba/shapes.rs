@@ -4,13 +4,13 @@ use super::Loader;
 use super::props::{Props, to_f32};
 use super::xml::Pos;
 use crate::scene::material::Material;
-use crate::scene::pending::{Failure, Pending};
+use crate::scene::pending::Failure;
 use crate::scene::place::{Placement, place};
 use crate::scene::{obj, ply, serialized};
-use crate::shape::{Cylinder, Disk, Instance, Mesh, Shape, Sphere};
+use crate::shape::{Cylinder, Disk, Instance, Mesh, Shape, Sphere, similarity};
 use crate::texture::Color;
 use crate::{Error, Result};
-use glam::DVec3;
+use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec2};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::Range;
@@ -177,9 +177,7 @@ impl<'a> Loader<'a> {
             None => self.default_material(light.is_some()),
         };
         if let Some(emitter) = light {
-            let light = self.shape_light(emitter, index)?;
-            self.lights.push(Pending::Ready(light));
-            self.emitters.push((index, emitter));
+            self.shape_light(emitter, index)?;
         }
         // How Mitsuba differentiates silhouettes.
         props.opt_float("silhouette_sampling_weight")?;
@@ -274,17 +272,65 @@ impl<'a> Loader<'a> {
             "disk" => Disk::new(to_world, flip_normals).map(|s| Job::Ready(Shape::Disk(s))).map_err(fail),
             "sphere" => {
                 let (center, radius) = (vec3("center", DVec3::ZERO)?, props.float("radius", 1.0)?);
-                let sphere = Sphere::new(center, radius, to_world, flip_normals);
+                let kept = kept_round(exact, center.as_dvec3());
+                if kept.is_some() {
+                    let message = "a sphere is neither sheared nor stretched: it stays one, as in Mitsuba, and the \
+                                   length of the transform's first column scales its radius";
+                    self.warn_at(props.pos("to_world"), message);
+                }
+                let sphere = Sphere::new(center, radius, kept.map_or(to_world, to_f32), flip_normals);
                 sphere.map(|s| Job::Ready(Shape::Sphere(s))).map_err(fail)
             }
             "cylinder" => {
                 let (p0, p1) = (vec3("p0", DVec3::ZERO)?, vec3("p1", DVec3::Z)?);
-                let cylinder = Cylinder::new(p0, p1, props.float("radius", 1.0)?, to_world, flip_normals);
-                cylinder.map(|s| Job::Ready(Shape::Cylinder(s))).map_err(fail)
+                let radius = props.float("radius", 1.0)?;
+                let own = Cylinder::new(p0, p1, radius, Affine3A::IDENTITY, false).map_err(fail)?;
+                if let Ok(cylinder) = Cylinder::new(p0, p1, radius, to_world, flip_normals) {
+                    return Ok(Job::Ready(Shape::Cylinder(cylinder)));
+                }
+                let message =
+                    format!("a cylinder that is sheared or stretched is made of {SIDES} flat sides");
+                self.warn_at(props.pos("to_world"), &message);
+                let placement = Placement { to_world: exact, flip_normals, face_normals: false };
+                place(tube(&own), &placement).map(|mesh| Job::Ready(Shape::Mesh(mesh))).map_err(fail)
             }
             _ => Err(props.unknown_plugin(
                 "obj, ply, serialized, sphere, rectangle, disk, cube, cylinder, shapegroup, instance, merge",
             )),
         }
     }
+}
+
+/// A transform of the sphere around `center` that Mitsuba shows where the given one shears or stretches: its middle
+/// goes where it should, its radius is scaled by the length of the first column. `None` if it stays a sphere
+/// anyway.
+fn kept_round(to_world: DAffine3, center: DVec3) -> Option<DAffine3> {
+    let (m, rounded) = (to_world.matrix3, to_f32(to_world).matrix3);
+    if similarity(&[rounded.x_axis, rounded.y_axis, rounded.z_axis].map(|a| a.as_dvec3())).is_some() {
+        return None;
+    }
+    let x = m.x_axis.try_normalize()?;
+    let y = m.y_axis.reject_from_normalized(x).try_normalize()?;
+    let turned = DMat3::from_cols(x, y, x.cross(y) * m.determinant().signum()) * m.x_axis.length();
+    let middle = to_world.transform_point3(center);
+    Some(DAffine3 { matrix3: turned, translation: middle - turned * center })
+}
+
+/// Sides of a cylinder that is a mesh: they leave it by 1/10000 of its radius.
+const SIDES: u32 = 256;
+
+fn tube(cylinder: &Cylinder) -> Mesh {
+    let mut mesh = Mesh::default();
+    for i in 0..=SIDES {
+        let u = i as f32 / SIDES as f32;
+        let (sin, cos) = (std::f32::consts::TAU * u).sin_cos();
+        let outward = cylinder.x_axis * cos + cylinder.y_axis * sin;
+        for v in [0.0, 1.0] {
+            mesh.positions.push(cylinder.p0 + cylinder.axis * v + outward * cylinder.radius);
+            mesh.normals.push(outward);
+            mesh.uvs.push(Vec2::new(u, v));
+        }
+    }
+    mesh.triangles = (0..SIDES).map(|i| 2 * i).flat_map(|i| [[i, i + 2, i + 3], [i, i + 3, i + 1]]).collect();
+    mesh
 }

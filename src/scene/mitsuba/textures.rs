@@ -97,7 +97,13 @@ impl Checks<'_> {
 
 impl<'a> Loader<'a> {
     /// A colour parameter. Floats and integers mean grey.
-    pub(super) fn color(&mut self, props: Props<'a>, name: &str, role: Role, default: Rgb) -> Result<Color> {
+    pub(super) fn color(
+        &mut self,
+        props: Props<'a>,
+        name: &'static str,
+        role: Role,
+        default: Rgb,
+    ) -> Result<Color> {
         match props.get(name) {
             Some(property) => self.color_of(props, property, role),
             None => Ok(Color::Constant(default)),
@@ -120,7 +126,7 @@ impl<'a> Loader<'a> {
     pub(super) fn constant_color(
         &mut self,
         props: Props<'a>,
-        name: &str,
+        name: &'static str,
         role: Role,
         default: Rgb,
     ) -> Result<Rgb> {
@@ -131,7 +137,7 @@ impl<'a> Loader<'a> {
     }
 
     /// A number that may be textured.
-    pub(super) fn scalar(&mut self, props: Props<'a>, name: &str, default: f32) -> Result<Scalar> {
+    pub(super) fn scalar(&mut self, props: Props<'a>, name: &'static str, default: f32) -> Result<Scalar> {
         match props.get(name) {
             Some(property) => self.scalar_of(props, property),
             None => Ok(Scalar::Constant(default)),
@@ -248,7 +254,7 @@ impl<'a> Loader<'a> {
             return Ok(Color::Texture(*index));
         }
         let texture = match props.plugin() {
-            "bitmap" => self.bitmap(props)?,
+            "bitmap" => self.bitmap(props, false)?,
             "checkerboard" => Pending::Ready(self.checkerboard(props, role, usage)?),
             "mesh_attribute" => Pending::Ready(self.attribute(props)?),
             "vertexcolors" if props.object.old => {
@@ -265,9 +271,17 @@ impl<'a> Loader<'a> {
         Ok(Color::Texture(index))
     }
 
-    fn bitmap(&mut self, props: Props<'a>) -> Result<Pending<Texture>> {
+    /// The texture of what names an image itself, which holds numbers and no colours.
+    pub(super) fn own_bitmap(&mut self, props: Props<'a>) -> Result<u32> {
+        let texture = self.bitmap(props, true)?;
+        self.textures.push(texture);
+        Ok(self.textures.len() as u32 - 1)
+    }
+
+    /// An image as a texture; `raw` says whether it holds linear values unless told otherwise.
+    fn bitmap(&mut self, props: Props<'a>, raw: bool) -> Result<Pending<Texture>> {
         let to_uv = to_uv(props)?;
-        let raw = props.boolean("raw", false)?;
+        let raw = props.boolean("raw", raw)?;
         let filters: &[_] = &[
             ("bilinear", Interpolation::Bilinear),
             ("nearest", Interpolation::Nearest),
@@ -363,13 +377,13 @@ impl<'a> Loader<'a> {
     /// `d65`, `blackbody` and the other spectrum plugins.
     fn spectrum_object(&mut self, props: Props<'a>, asker: &Property, role: Role) -> Result<Rgb> {
         let fail = |message: String| props.error(message);
-        let list = |name: &str| -> Result<Vec<f64>> {
+        let list = |name: &'static str| -> Result<Vec<f64>> {
             let text = props.opt_string(name)?.ok_or_else(|| props.error(format!("'{name}' is missing")))?;
             let number = |t: &str| t.parse::<f64>().ok().filter(|v| v.is_finite());
             let numbers = tokens(text).map(number).collect::<Option<Vec<_>>>();
             numbers.ok_or_else(|| props.error_at(name, format!("'{name}' should be a list of numbers")))
         };
-        let need = |name: &str| -> Result<f64> {
+        let need = |name: &'static str| -> Result<f64> {
             let value = props.opt_float(name)?;
             value.map(|v| v as f64).ok_or_else(|| props.error(format!("'{name}' is missing")))
         };
@@ -397,7 +411,18 @@ impl<'a> Loader<'a> {
                 props.finish()?;
                 return Ok(scale * color * nested);
             }
-            "uniform" | "rawconstant" => {
+            "rawconstant" => {
+                let Some(value) = props.get("value") else { return Err(fail("'value' is missing".into())) };
+                let rgb = match value.value {
+                    Value::Vector(v) => Value::Rgb(v),
+                    ref other => other.clone(),
+                };
+                let value = Property { value: rgb, ..value.clone() };
+                let color = self.constant(&value, role, props.object.old)?;
+                props.finish()?;
+                return color.ok_or_else(|| self.not_a_color(props, &value));
+            }
+            "uniform" => {
                 let value = need("value")?;
                 wavelength_range()?;
                 props.finish()?;
@@ -450,7 +475,8 @@ impl<'a> Loader<'a> {
     /// The file that the parameter `filename` names.
     pub(super) fn filename(&self, props: Props) -> Result<std::path::PathBuf> {
         match props.opt_string("filename")? {
-            Some(name) => self.tree.resolve(name, props.pos("filename")),
+            // Nothing is read if anything is missing.
+            Some(name) => Ok(self.tree.resolve(name, props.pos("filename")).unwrap_or_default()),
             None => Err(props.error(format!("{} lacks the parameter 'filename'", props.title()))),
         }
     }

@@ -1,6 +1,7 @@
 //! From XML text to a flat tree of plugin objects with typed properties: `$name` substitution, `<default>`,
 //! `<include>`, `<path>`, `<alias>`, ids, transforms. Knows the format's grammar, but no plugin.
 
+use super::markup::{self, MAX_DEPTH};
 use super::upgrade;
 use crate::scene::place::look_at;
 use crate::scene::spectrum::Spectrum;
@@ -10,8 +11,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-/// Deepest nesting of elements, and of includes: scenes need less than ten of either.
-const MAX_DEPTH: usize = 60;
+/// Deepest nesting of includes: scenes need less than ten.
 const MAX_INCLUDES: usize = 15;
 /// Bounds the work of includes that include each other twice and the like.
 const MAX_FILES: usize = 10_000;
@@ -79,6 +79,8 @@ pub(super) struct Object {
     pub properties: Vec<Property>,
     /// From a file of Mitsuba 0.4 to 0.6: names are today's, defaults are not.
     pub old: bool,
+    /// Names that a plugin asked for.
+    pub asked: RefCell<Vec<&'static str>>,
 }
 
 impl Object {
@@ -112,9 +114,23 @@ pub(super) struct Tree {
     /// Folders named by `<path>`, the latest first.
     pub search: Vec<PathBuf>,
     warnings: RefCell<Vec<String>>,
-    /// Plugins and parameters that are ignored, to say so once for each.
-    ignored: RefCell<HashSet<(String, String)>>,
+    /// What is told once.
+    told: RefCell<HashSet<String>>,
+    unknown: RefCell<Vec<Unknown>>,
+    /// Files and folders that were looked for in vain, and where they are named first.
+    missing: RefCell<Vec<(Pos, String)>>,
     parameters: Vec<Parameter>,
+}
+
+/// Parameters that a plugin does not know.
+#[derive(Debug)]
+struct Unknown {
+    title: String,
+    /// Where the first of them stands.
+    pos: Pos,
+    parameters: Vec<String>,
+    /// What it knows.
+    known: Vec<&'static str>,
 }
 
 #[derive(Clone, Debug)]
@@ -157,11 +173,15 @@ impl Tree {
             ids: HashMap::new(),
             search: Vec::new(),
             warnings: RefCell::default(),
-            ignored: RefCell::default(),
+            told: RefCell::default(),
+            unknown: RefCell::default(),
+            missing: RefCell::default(),
             parameters: parameters.collect(),
         };
         tree.sort_parameters();
-        tree.read_file(path, None, 0)?;
+        if let Err(error) = tree.read_file(path, None, 0) {
+            return tree.unless_files_are_missing(Err(error));
+        }
         let unused = tree.parameters.iter().filter(|p| p.unused_define);
         let unused = unused.map(|p| format!("-D {}={}: the scene has no such parameter", p.name, p.value));
         tree.warnings.borrow_mut().extend(unused);
@@ -188,11 +208,69 @@ impl Tree {
         self.warnings.borrow_mut().push(self.at(pos, message));
     }
 
+    /// Warns at the first place of all that have the same message.
+    pub(super) fn warn_once(&self, pos: Pos, message: &str) {
+        if self.told.borrow_mut().insert(message.into()) {
+            self.warn(pos, message);
+        }
+    }
+
     /// Warns, once for each plugin and parameter, that the parameter has no effect.
     pub(super) fn warn_ignored(&self, title: &str, property: &Property) {
-        if self.ignored.borrow_mut().insert((title.into(), property.name.clone())) {
-            self.warn(property.pos, &format!("{title}: parameter '{}' has no effect", property.name));
+        self.warn_once(property.pos, &format!("{title}: {} has no effect", self.name_of(property)));
+    }
+
+    /// What to call a parameter, or a child without a name, in messages.
+    pub(super) fn name_of(&self, property: &Property) -> String {
+        match &property.value {
+            Value::Object(index) if property.name.is_empty() => format!("<{}>", self.objects[*index].tag),
+            Value::Reference(id) if property.name.is_empty() => format!("<ref id=\"{id}\">"),
+            _ => format!("'{}'", property.name),
         }
+    }
+
+    /// The object that a value is or refers to, if there is one.
+    pub(super) fn object_of(&self, value: &Value) -> Option<usize> {
+        match value {
+            Value::Object(index) => Some(*index),
+            Value::Reference(id) => self.ids.get(id).copied(),
+            _ => None,
+        }
+    }
+
+    /// Notes a parameter that the plugin of this title does not know, for the list at the end of all warnings.
+    pub(super) fn note_unknown(&self, title: &str, property: &Property, known: &[&'static str]) {
+        let what = self.name_of(property);
+        if !self.told.borrow_mut().insert(format!("{title} does not know {what}")) {
+            return;
+        }
+        let mut list = self.unknown.borrow_mut();
+        let index = list.iter().position(|unknown| unknown.title == title).unwrap_or(list.len());
+        if index == list.len() {
+            let (title, pos) = (title.into(), property.pos);
+            list.push(Unknown { title, pos, parameters: Vec::new(), known: Vec::new() });
+        }
+        let unknown = &mut list[index];
+        unknown.known.extend(known);
+        let at = match property.pos.file == unknown.pos.file {
+            true => format!("line {}", property.pos.line),
+            false => format!("{}:{}", self.file(property.pos).display(), property.pos.line),
+        };
+        let meant =
+            nearest(&property.name, known).map_or_else(String::new, |n| format!(", did you mean '{n}'?"));
+        unknown.parameters.push(format!("{what} ({at}{meant})"));
+    }
+
+    /// The list of what was noted: a warning for each plugin.
+    fn unknown_parameters(&self) -> impl Iterator<Item = String> + use<'_> {
+        self.unknown.take().into_iter().map(|Unknown { title, pos, parameters, mut known }| {
+            known.sort_unstable();
+            known.dedup();
+            let (parameters, known) = (parameters.join(", "), known.join(", "));
+            let message =
+                format!("{title} does not know, so these have no effect: {parameters}; it knows {known}");
+            self.at(pos, &message)
+        })
     }
 
     /// The mesh attributes that an object looks up, by whatever it holds or refers to.
@@ -204,35 +282,68 @@ impl Tree {
                 continue;
             }
             found.extend(object.mesh_attribute().map(|name| Asked { name: name.into(), object: index }));
-            waiting.extend(object.properties.iter().filter_map(|p| match &p.value {
-                Value::Object(index) => Some(*index),
-                Value::Reference(id) => self.ids.get(id).copied(),
-                _ => None,
-            }));
+            waiting.extend(object.properties.iter().filter_map(|p| self.object_of(&p.value)));
         }
         found
     }
 
-    /// All warnings so far.
+    /// All warnings so far, the list of unknown parameters last.
     pub(super) fn take_warnings(&self) -> Vec<String> {
-        self.warnings.take()
+        self.warnings.take().into_iter().chain(self.unknown_parameters()).collect()
     }
 
     /// Finds a file that a scene names: beside the file that names it, in the folders of `<path>`, beside the
-    /// outermost scene file.
-    pub(super) fn resolve(&self, name: &str, pos: Pos) -> Result<PathBuf> {
+    /// outermost scene file. If it is missing, [`Tree::unless_files_are_missing`] tells in the end.
+    pub(super) fn resolve(&self, name: &str, pos: Pos) -> Option<PathBuf> {
         let parent = |file: &Path| file.parent().map(Path::to_path_buf).unwrap_or_default();
         let folders = std::iter::once(parent(self.file(pos)))
             .chain(self.search.iter().cloned())
             .chain(self.files.first().map(|f| parent(f)));
-        for folder in folders {
-            let candidate = folder.join(name);
-            if candidate.is_file() {
-                return Ok(candidate);
+        let found = folders.map(|folder| folder.join(name)).find(|candidate| candidate.is_file());
+        if found.is_none() {
+            self.miss(pos, format!("file '{name}'"));
+        }
+        found
+    }
+
+    fn miss(&self, pos: Pos, what: String) {
+        if self.told.borrow_mut().insert(format!("{what} not found")) {
+            self.missing.borrow_mut().push((pos, what));
+        }
+    }
+
+    /// What came of reading the scene, or of walking through it.
+    ///
+    /// # Errors
+    /// If files are missing: one that names them all. Whatever else is wrong may be so because of that.
+    pub(super) fn unless_files_are_missing<T>(&self, made: Result<T>) -> Result<T> {
+        const SEARCHED: &str = "(searched beside the scene and in its <path>s)";
+        if made.is_err() && !self.missing.borrow().is_empty() {
+            self.look_for_files();
+        }
+        let mut missing = self.missing.take();
+        missing.sort_by_key(|(pos, _)| (pos.file, pos.line));
+        match &missing[..] {
+            [] => made,
+            [(pos, what)] => Err(self.error(*pos, format!("{what} not found {SEARCHED}"))),
+            [(first, _), ..] => {
+                let mut message = format!("{} files not found {SEARCHED}: ", missing.len());
+                let list: Vec<_> = missing.iter().map(|(pos, what)| self.at(*pos, what)).collect();
+                message += &list.join("; ");
+                Err(self.error(*first, message))
             }
         }
-        Err(self
-            .error(pos, format!("file '{name}' not found (searched beside the scene and in its <path>s)")))
+    }
+
+    /// Looks for the files that nothing came to.
+    fn look_for_files(&self) {
+        let reads =
+            |object: &&Object| matches!(object.tag.as_str(), "shape" | "bsdf" | "texture" | "emitter");
+        for property in self.objects.iter().filter(reads).flat_map(|object| &object.properties) {
+            if let (Value::String(name), "filename") = (&property.value, property.name.as_str()) {
+                self.resolve(name, property.pos);
+            }
+        }
     }
 
     /// Longest name first, so that `$name` does not eat the start of `$name2`.
@@ -241,65 +352,24 @@ impl Tree {
     }
 
     fn read_file(&mut self, path: &Path, parent: Option<usize>, depth: usize) -> Result<()> {
-        let unreadable = |e: &dyn std::fmt::Display| Error::File {
-            file: path.into(),
-            message: format!("cannot read the scene: {e}"),
-        };
-        let bytes = std::fs::read(path).map_err(|e| unreadable(&e))?;
-        let text = String::from_utf8(bytes).map_err(|_| unreadable(&"it is not UTF-8 text"))?;
+        let unreadable =
+            |e| Error::File { file: path.into(), message: format!("cannot read the scene: {e}") };
+        let bytes = std::fs::read(path).map_err(unreadable)?;
         let file = self.files.len() as u32;
         self.files.push(path.into());
-        refuse_deep_nesting(&text).map_err(|line| {
+        let tidy = markup::tidy(&markup::decode(bytes)).map_err(|line| {
             self.error(Pos { file, line }, format!("elements are nested more than {MAX_DEPTH} deep"))
         })?;
-        let document = roxmltree::Document::parse(&text)
+        if let [(line, first), more @ ..] = &tidy.stray[..] {
+            let more = if more.is_empty() { String::new() } else { format!(", and {} more", more.len()) };
+            let message = format!("text between elements has no effect: '{first}'{more}");
+            self.warn(Pos { file, line: *line }, &message);
+        }
+        let document = roxmltree::Document::parse(&tidy.text)
             .map_err(|e| self.error(Pos { file, line: e.pos().row }, format!("not valid XML: {e}")))?;
         let root = document.root_element();
-        Reader { tree: self, lines: line_starts(&text), file, old: false }.root(root, parent, depth)
+        Reader { tree: self, lines: line_starts(&tidy.text), file, old: false }.root(root, parent, depth)
     }
-}
-
-/// roxmltree and the readers after it recurse into elements: bound that before it starts. Counts tags, skipping
-/// comments, CDATA, declarations and attribute values.
-fn refuse_deep_nesting(text: &str) -> std::result::Result<(), u32> {
-    let (bytes, mut depth, mut i, mut line) = (text.as_bytes(), 0usize, 0, 1);
-    while i < bytes.len() {
-        let rest = &bytes[i..];
-        let skip_past =
-            |end: &[u8]| rest.windows(end.len()).position(|w| w == end).map_or(rest.len(), |p| p + end.len());
-        let length = if rest[0] != b'<' {
-            1
-        } else if rest.starts_with(b"<!--") {
-            skip_past(b"-->")
-        } else if rest.starts_with(b"<![CDATA[") {
-            skip_past(b"]]>")
-        } else if rest.starts_with(b"<!") || rest.starts_with(b"<?") {
-            2
-        } else if rest.starts_with(b"</") {
-            depth = depth.saturating_sub(1);
-            2
-        } else {
-            let (mut quote, mut n) = (0u8, 1);
-            while n < rest.len() && (quote != 0 || rest[n] != b'>') {
-                match rest[n] {
-                    c if quote != 0 && c == quote => quote = 0,
-                    c @ (b'"' | b'\'') if quote == 0 => quote = c,
-                    _ => {}
-                }
-                n += 1;
-            }
-            if rest[n - 1] != b'/' {
-                depth += 1;
-            }
-            n
-        };
-        if depth > MAX_DEPTH {
-            return Err(line);
-        }
-        line += rest[..length].iter().filter(|&&b| b == b'\n').count() as u32;
-        i += length;
-    }
-    Ok(())
 }
 
 fn line_starts(text: &str) -> Vec<usize> {
@@ -387,12 +457,25 @@ impl Reader<'_> {
                 // What a colour is meant for is known from where it stands.
                 "intent" if self.old => continue,
                 "name" if self.old && tag != "default" => value = upgrade::name(&value),
+                "name" if tag != "default" => value = self.snake_case(value, pos),
                 "type" if self.old => value = upgrade::plugin(tag, &value).into(),
                 _ => {}
             }
             attributes.push((attribute.name().to_string(), value));
         }
         Ok(Element { tag: tag.to_string(), attributes, pos })
+    }
+
+    /// Mitsuba 3 has no names like `toWorld`, but scenes of other versions and renderers have.
+    fn snake_case(&self, name: String, pos: Pos) -> String {
+        let today = upgrade::snake_case(&name);
+        if today != name {
+            self.tree.warn_once(
+                pos,
+                &format!("'{name}' is read as '{today}', as it is called in scenes of version 3"),
+            );
+        }
+        today
     }
 
     /// Replaces `$name`; `\$` is a dollar sign. Each value is inserted once, so substitution cannot grow without end.
@@ -446,7 +529,14 @@ impl Reader<'_> {
         }
         let tag = if element.tag == "spectrum" { "texture".into() } else { element.tag.clone() };
         let old = self.old;
-        self.tree.objects.push(Object { tag, plugin, pos: element.pos, properties: Vec::new(), old });
+        self.tree.objects.push(Object {
+            tag,
+            plugin,
+            pos: element.pos,
+            properties: Vec::new(),
+            old,
+            asked: RefCell::default(),
+        });
         Ok(index)
     }
 
@@ -462,6 +552,7 @@ impl Reader<'_> {
 
     fn set(&mut self, parent: usize, name: &str, value: Value, pos: Pos) -> Result<()> {
         let object = &mut self.tree.objects[parent];
+        let name = upgrade::parameter(&object.tag, &object.plugin, name);
         if let Some(first) = object.properties.iter().position(|p| !name.is_empty() && p.name == name) {
             let message = format!("parameter '{name}' is given twice");
             if !self.old {
@@ -477,15 +568,7 @@ impl Reader<'_> {
     }
 
     fn children(&mut self, node: Node, parent: usize, depth: usize) -> Result<()> {
-        for child in node.children() {
-            if child.is_element() {
-                self.child(child, parent, depth)?;
-            } else if child.is_text() && child.text().is_some_and(|t| !t.trim().is_empty()) {
-                let text: String = child.text().unwrap_or("").trim().chars().take(30).collect();
-                return Err(self.tree.error(self.pos(child), format!("unexpected text '{text}'")));
-            }
-        }
-        Ok(())
+        node.children().filter(|c| c.is_element()).try_for_each(|child| self.child(child, parent, depth))
     }
 
     fn object(&mut self, node: Node, element: Element, parent: usize, depth: usize) -> Result<()> {
@@ -493,11 +576,25 @@ impl Reader<'_> {
         let allowed: &[&str] =
             if is_root { &["version", "!type", "id", "name"] } else { &["!type", "id", "name"] };
         self.check(&element, allowed)?;
-        let plugin = element.get("type").unwrap_or("").to_string();
-        let index = self.add_object(&element, plugin)?;
+        let given = element.get("type").unwrap_or("");
+        let (plugin, distribution) = match upgrade::split_distribution(&element.tag, given) {
+            Some((plugin, distribution)) => (plugin, Some(distribution)),
+            None => (given, None),
+        };
+        let index = self.add_object(&element, plugin.to_string())?;
         let name = element.get("name").unwrap_or("");
         self.set(parent, name, Value::Object(index), element.pos)?;
-        self.children(node, index, depth)
+        self.children(node, index, depth)?;
+        let has_own = self.tree.objects[index].properties.iter().any(|p| p.name == "distribution");
+        match distribution {
+            Some(distribution) if !has_own => {
+                let message =
+                    format!("bsdf plugin '{given}' is read as '{plugin}' of distribution '{distribution}'");
+                self.tree.warn_once(element.pos, &message);
+                self.set(index, "distribution", Value::String(distribution.into()), element.pos)
+            }
+            _ => Ok(()),
+        }
     }
 
     fn child(&mut self, node: Node, parent: usize, depth: usize) -> Result<()> {
@@ -565,7 +662,7 @@ impl Reader<'_> {
                     }
                     (Some(text), None) => Spectrum::parse(text),
                     (None, Some(file)) => {
-                        let path = self.tree.resolve(file, pos)?;
+                        let Some(path) = self.tree.resolve(file, pos) else { return Ok(()) };
                         let text = std::fs::read_to_string(&path).map_err(|e| Error::File {
                             file: path.clone(),
                             message: format!("cannot read the spectrum: {e}"),
@@ -628,7 +725,9 @@ impl Reader<'_> {
             }
             "include" => {
                 self.check(&element, &["!filename", "name"])?;
-                let path = self.tree.resolve(element.get("filename").unwrap_or(""), pos)?;
+                let Some(path) = self.tree.resolve(element.get("filename").unwrap_or(""), pos) else {
+                    return Ok(());
+                };
                 if depth >= MAX_INCLUDES || self.tree.files.len() >= MAX_FILES {
                     return error(self.tree, format!("includes are nested more than {MAX_INCLUDES} deep"));
                 }
@@ -651,7 +750,7 @@ impl Reader<'_> {
                 let elsewhere = self.tree.search.iter().map(|s| s.join(text));
                 match std::iter::once(beside).chain(elsewhere).find(|p| p.is_dir()) {
                     Some(folder) => self.tree.search.insert(0, folder),
-                    None => return error(self.tree, format!("<path>: folder '{text}' not found")),
+                    None => self.tree.miss(pos, format!("folder '{text}'")),
                 }
                 return Ok(());
             }
@@ -766,6 +865,14 @@ impl Reader<'_> {
         };
         Ok(matrix)
     }
+}
+
+/// The word that is spelt nearly like `name`, if there is one.
+fn nearest<'w>(name: &str, words: &[&'w str]) -> Option<&'w str> {
+    // Comparing takes time in proportion to the length.
+    let name = Some(name).filter(|name| name.len() < 100)?;
+    let distances = words.iter().map(|word| (strsim::damerau_levenshtein(word, name), *word));
+    distances.min().filter(|(distance, _)| *distance <= 1 + name.len() / 5).map(|(_, word)| word)
 }
 
 /// Splits at commas and white space.
