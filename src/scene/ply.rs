@@ -9,7 +9,7 @@ use crate::math::first_index;
 use crate::shape::{Attribute, Mesh};
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
-use memchr::memchr_iter;
+use memchr::{memchr, memchr_iter};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -321,7 +321,7 @@ impl Ascii {
 
     /// Parses the first `length` bytes of what has been read.
     fn parse(&mut self, length: usize) {
-        let pieces: Vec<&[u8]> = pieces(&self.blocks.bytes()[..length], b'\n').collect();
+        let pieces: Vec<&[u8]> = pieces(&self.blocks.bytes()[..length], line_end).collect();
         let newlines = |text: &&[u8]| memchr_iter(b'\n', text).count() as u32;
         let counts: Vec<u32> = pieces.par_iter().map(newlines).collect();
         let mut starts = Vec::with_capacity(pieces.len());
@@ -340,6 +340,11 @@ impl Ascii {
         }
         self.blocks.consume(length);
     }
+}
+
+/// Where the first line ends that ends at or after `from`.
+fn line_end(text: &[u8], from: usize) -> Option<usize> {
+    memchr(b'\n', &text[from..]).map(|i| from + i + 1)
 }
 
 impl Source for Ascii {
