@@ -6,7 +6,7 @@
 
 use super::blocks::{Blocks, pieces};
 use super::lines;
-use super::polygon::Fans;
+use super::polygon::{Fans, Skipped};
 use crate::shape::Mesh;
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
@@ -21,17 +21,9 @@ pub(super) struct Obj {
     normals: Vec<Vec3>,
     uvs: Vec<Vec2>,
     groups: Vec<Group>,
-    /// (file names, line) of material libraries.
+    /// Names of material libraries, one or several, and their lines.
     pub libraries: Vec<(String, u32)>,
     skipped: Skipped,
-}
-
-/// Faces of fewer than three corners, which have no surface.
-#[derive(Clone, Copy, Debug, Default)]
-struct Skipped {
-    count: usize,
-    /// The first one's.
-    line: u32,
 }
 
 /// Triangles of one material.
@@ -101,11 +93,9 @@ impl Obj {
         Ok(obj)
     }
 
-    /// What a user should know.
-    pub(super) fn warning(&self) -> Option<String> {
-        let Skipped { count, line } = self.skipped;
-        let faces = if count == 1 { "1 face".into() } else { format!("{count} faces") };
-        (count > 0).then(|| format!("{faces} of fewer than three corners skipped, the first in line {line}"))
+    /// What users are told of the file at `path`.
+    pub(super) fn warning(&self, path: &Path) -> Option<String> {
+        self.skipped.warning(path, "line")
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -147,8 +137,7 @@ impl Obj {
                 all.fans.append(fans, all.triangles.len());
                 all.triangles.extend(triangles);
             }
-            let first = if self.skipped.count == 0 { piece.skipped.line } else { self.skipped.line };
-            self.skipped = Skipped { count: self.skipped.count + piece.skipped.count, line: first };
+            self.skipped.append(piece.skipped);
         }
         Ok(())
     }
@@ -301,8 +290,7 @@ impl Piece {
             }
         }
         match triangles.len() - start {
-            0 if self.skipped.count == 0 => self.skipped = Skipped { count: 1, line },
-            0 => self.skipped.count += 1,
+            0 => self.skipped.add(1, line as u64),
             n => fans.push(start, n + 2, 1),
         }
         Ok(())

@@ -1,9 +1,11 @@
-//! Stanford PLY meshes: ASCII and binary of either byte order, properties in any order, polygons.
+//! Stanford PLY meshes: ASCII and binary of either byte order, properties in any order, polygons, triangle strips, texture
+//! coordinates of vertices or (MeshLab) of faces' corners.
 //!
 //! A file is read block by block, and each block in parallel: records are laid out alike as long as their lists are of
 //! equal length, which they mostly are.
 
 use super::blocks::{Blocks, pieces};
+use super::polygon::{Fans, Skipped};
 use crate::image_io::srgb_to_linear;
 use crate::math::first_index;
 use crate::shape::{Attribute, Mesh};
@@ -33,23 +35,24 @@ pub(super) enum Colors {
     Srgb,
 }
 
-/// Reads a mesh.
+/// Reads a mesh, and what users are told of it.
 ///
 /// # Errors
 /// [`Error::File`] if it cannot be read or is cut off, [`Error::Scene`] with the line for mistakes in its header or in
 /// ASCII data.
-pub(super) fn read(path: &Path, options: &Options) -> Result<Mesh> {
+pub(super) fn read(path: &Path, options: &Options) -> Result<(Mesh, Option<String>)> {
     let mut blocks = Blocks::open(path)?;
     blocks.more()?;
     let at_line = |(line, message): (u32, String)| Error::Scene { file: path.into(), line, message };
     let header = Header::parse(blocks.bytes()).map_err(at_line)?;
     blocks.consume(header.length);
     let elements = &header.elements;
-    match header.format {
+    let (mesh, skipped) = match header.format {
         Format::Ascii => read_elements(elements, &mut Ascii::new(blocks, header.lines + 1), options),
         Format::LittleEndian => read_elements(elements, &mut Binary::<true>(blocks), options),
         Format::BigEndian => read_elements(elements, &mut Binary::<false>(blocks), options),
-    }
+    }?;
+    Ok((mesh, skipped.warning(path, "number")))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -520,9 +523,14 @@ fn extend<T: Send>(to: &mut Vec<T>, count: usize, f: impl Fn(usize) -> T + Sync 
     }
 }
 
-fn read_elements<S: Source>(elements: &[Element], source: &mut S, options: &Options) -> Result<Mesh> {
+fn read_elements<S: Source>(
+    elements: &[Element],
+    source: &mut S,
+    options: &Options,
+) -> Result<(Mesh, Skipped)> {
     let mut mesh = Mesh::default();
-    let (mut vertices, mut faces) = (false, false);
+    let mut faces = Faces::default();
+    let mut seen: Vec<&str> = Vec::new();
     for element in elements {
         let least: usize = element.properties.iter().map(|p| S::size(p.list.unwrap_or(p.kind))).sum();
         if least == 0 {
@@ -537,25 +545,26 @@ fn read_elements<S: Source>(elements: &[Element], source: &mut S, options: &Opti
             return Err(source.error(0, message));
         }
         let expected = if most.is_some() { element.count as usize } else { 0 };
-        match element.name.as_str() {
-            "vertex" if !vertices => {
-                vertices = true;
-                read_vertices(element, source, options, expected, &mut mesh)?;
-            }
-            "face" if !faces => {
-                faces = true;
-                read_faces(element, source, options, expected, &mut mesh)?;
-            }
-            "vertex" | "face" => {
-                return Err(source.error(0, format!("the element '{}' comes twice", element.name)));
-            }
-            _ => for_each_run(source, element, |_, _, _| Ok(()))?,
+        let name = element.name.as_str();
+        if seen.contains(&name) {
+            return Err(source.error(0, format!("the element '{name}' comes twice")));
         }
+        match name {
+            "vertex" => read_vertices(element, source, options, expected, &mut mesh)?,
+            "face" => read_faces(element, source, options, expected, &mut mesh, &mut faces)?,
+            "tristrips" => read_strips(element, source, &mut mesh)?,
+            _ => {
+                for_each_run(source, element, |_, _, _| Ok(()))?;
+                continue;
+            }
+        }
+        seen.push(name);
     }
-    if !vertices || !faces {
+    if !seen.contains(&"vertex") || seen.len() < 2 {
         return Err(source.error(0, "the file holds no vertices or no faces: not a mesh".into()));
     }
-    Ok(mesh)
+    faces.finish(&mut mesh);
+    Ok((mesh, faces.skipped))
 }
 
 /// The properties of these names, if all are there and no lists.
@@ -716,53 +725,199 @@ fn add_attributes(mesh: &mut Mesh, groups: Vec<Group>, values: Vec<Vec<Vec3>>) {
     mesh.attributes.extend(named);
 }
 
+/// What faces are beyond triangles.
+#[derive(Default)]
+struct Faces {
+    fans: Fans,
+    skipped: Skipped,
+    /// Texture coordinates of triangles' corners, if any face has them.
+    uvs: Vec<[Vec2; 3]>,
+    has_uvs: bool,
+}
+
+/// A list of an element: its number among properties, and among lists.
+fn find_list(element: &Element, names: &[&str]) -> Option<(usize, usize)> {
+    let lists = element.properties.iter().enumerate().filter(|(_, p)| p.list.is_some()).zip(0..);
+    let mut found =
+        lists.filter(|((_, p), _)| names.contains(&p.name.as_str())).map(|((i, _), nth)| (i, nth));
+    found.next().filter(|_| found.next().is_none())
+}
+
+/// A list in records of one layout that follow each other.
+struct List<'a, S: Source> {
+    units: &'a [S::Unit],
+    record: usize,
+    field: Field,
+    length: usize,
+}
+
+impl<'a, S: Source> List<'a, S> {
+    fn new(layout: &Layout, units: &'a [S::Unit], (property, nth): (usize, usize)) -> Self {
+        let length = layout.counts[nth].1 as usize;
+        List { units, record: layout.size, field: layout.fields[property], length }
+    }
+
+    /// The unit where an item of a record's list is.
+    fn at(&self, record: usize, item: usize) -> usize {
+        record * self.record + self.field.offset + item * S::size(self.field.kind)
+    }
+
+    fn index(&self, record: usize, item: usize) -> u32 {
+        S::index(&self.units[self.at(record, item)..], self.field.kind)
+    }
+
+    fn value(&self, record: usize, item: usize) -> f64 {
+        S::value(&self.units[self.at(record, item)..], self.field.kind)
+    }
+}
+
+const INDICES: [&str; 2] = ["vertex_index", "vertex_indices"];
+
 fn read_faces<S: Source>(
     element: &Element,
     source: &mut S,
     options: &Options,
     expected: usize,
     mesh: &mut Mesh,
+    faces: &mut Faces,
 ) -> Result<()> {
-    let is_indices =
-        |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_index" | "vertex_indices");
-    let mut lists = element.properties.iter().enumerate().filter(|(_, p)| is_indices(p));
-    let (Some((list, property)), None) = (lists.next(), lists.next()) else {
+    let Some(list) = find_list(element, &INDICES) else {
         return Err(source.error(0, "the faces have no list 'vertex_indices'".into()));
     };
-    let nth = element.properties[..list].iter().filter(|p| p.list.is_some()).count();
-    let size = S::size(property.kind);
+    let uv_list = find_list(element, &["texcoord"]);
     // Each has three corners at least.
-    let most = source.left().unwrap_or(0) / (3 * size as u64);
+    let most = source.left().unwrap_or(0) / (3 * S::size(element.properties[list.0].kind) as u64);
     mesh.triangles.reserve_exact(expected.min(most as usize));
     let groups = groups(element, options);
     let mut attributes = vec![Vec::new(); groups.len()];
     for_each_run(source, element, |layout, units, first| {
-        let corners = layout.counts[nth].1 as usize;
+        let count = units.len() / layout.size;
+        let indices = List::<S>::new(layout, units, list);
+        let corners = indices.length;
         if corners < 3 {
-            return Err((layout.counts[nth].0.offset, format!("face {first} has {corners} vertices")));
+            faces.skipped.add(count, first);
+            return Ok(());
         }
-        let field = layout.fields[list];
-        let at = |face: usize, corner: usize| face * layout.size + field.offset + corner * size;
-        let index = |face, corner| S::index(&units[at(face, corner)..], field.kind);
         // Polygons become fans.
         let fan = corners - 2;
         let start = mesh.triangles.len();
-        extend(&mut mesh.triangles, units.len() / layout.size * fan, |i| {
+        extend(&mut mesh.triangles, count * fan, |i| {
             let (face, k) = (i / fan, i % fan);
-            [index(face, 0), index(face, k + 1), index(face, k + 2)]
+            [0, k + 1, k + 2].map(|corner| indices.index(face, corner))
         });
+        faces.fans.push(start, corners, count);
         for (group, values) in groups.iter().zip(&mut attributes) {
-            let faces = units.len() / layout.size;
-            extend(values, faces * fan, |i| group.of::<S>(layout, &units[i / fan * layout.size..]));
+            extend(values, count * fan, |i| group.of::<S>(layout, &units[i / fan * layout.size..]));
+        }
+        if let Some(uv_list) = uv_list {
+            let numbers = List::<S>::new(layout, units, uv_list);
+            let has_uvs = numbers.length > 0;
+            if has_uvs && numbers.length != 2 * corners {
+                let (n, wanted) = (numbers.length, 2 * corners);
+                let message =
+                    format!("face {first} has {n} numbers in 'texcoord': {corners} corners need {wanted}");
+                return Err((layout.counts[uv_list.1].0.offset, message));
+            }
+            faces.has_uvs |= has_uvs;
+            let uv = |face, corner| {
+                let [u, v] = [0, 1].map(|i| numbers.value(face, 2 * corner + i) as f32);
+                Vec2::new(u, if options.flip_v { 1.0 - v } else { v })
+            };
+            let of_corner = |face, corner| if has_uvs { uv(face, corner) } else { Vec2::ZERO };
+            extend(&mut faces.uvs, count * fan, |i| {
+                let (face, k) = (i / fan, i % fan);
+                [0, k + 1, k + 2].map(|corner| of_corner(face, corner))
+            });
         }
         let bad = first_index(&mesh.triangles[start..], |t| t.contains(&NONE));
         let Some(face) = bad.map(|i| i / fan) else { return Ok(()) };
-        let corner = (0..corners).find(|&k| index(face, k) == NONE).unwrap_or(0);
-        let value = S::value(&units[at(face, corner)..], field.kind);
-        Err((at(face, corner), format!("face {} names vertex {value}", first + face as u64)))
+        let corner = (0..corners).find(|&k| indices.index(face, k) == NONE).unwrap_or(0);
+        let value = indices.value(face, corner);
+        Err((indices.at(face, corner), format!("face {} names vertex {value}", first + face as u64)))
     })?;
     add_attributes(mesh, groups, attributes);
     Ok(())
+}
+
+/// Strips: each vertex makes a triangle with the two before it, turned around every other time; −1 begins anew.
+fn read_strips<S: Source>(element: &Element, source: &mut S, mesh: &mut Mesh) -> Result<()> {
+    let Some(list) = find_list(element, &INDICES) else {
+        return Err(source.error(0, "the strips have no list 'vertex_indices'".into()));
+    };
+    for_each_run(source, element, |layout, units, first| {
+        let indices = List::<S>::new(layout, units, list);
+        for strip in 0..units.len() / layout.size {
+            let (mut a, mut b, mut before) = (NONE, NONE, 0);
+            for item in 0..indices.length {
+                let c = indices.index(strip, item);
+                if c == NONE {
+                    let value = indices.value(strip, item);
+                    if value != -1.0 && value != NONE as f64 {
+                        let message = format!("strip {} names vertex {value}", first + strip as u64);
+                        return Err((indices.at(strip, item), message));
+                    }
+                    before = 0;
+                    continue;
+                }
+                // Strips are joined by triangles that have one vertex twice.
+                if before >= 2 && a != b && b != c && c != a {
+                    mesh.triangles.push(if before % 2 == 0 { [a, b, c] } else { [b, a, c] });
+                }
+                (a, b, before) = (b, c, before + 1);
+            }
+        }
+        Ok(())
+    })
+}
+
+impl Faces {
+    fn finish(&mut self, mesh: &mut Mesh) {
+        let Mesh { positions, triangles, .. } = mesh;
+        let position = |vertex: u32| positions.get(vertex as usize).copied();
+        if !self.has_uvs {
+            return self.fans.fit(triangles, position);
+        }
+        // Strips have none.
+        self.uvs.resize(triangles.len(), [Vec2::ZERO; 3]);
+        let with_uvs = |(t, uvs): (&[u32; 3], &[Vec2; 3])| [0, 1, 2].map(|k| (t[k], uvs[k]));
+        let mut corners: Vec<_> = triangles.iter().zip(&self.uvs).map(with_uvs).collect();
+        self.fans.fit(&mut corners, |(vertex, _)| position(vertex));
+        give_uvs(mesh, &corners);
+    }
+}
+
+/// Gives corners, of vertices, texture coordinates: there is one vertex for each different pair.
+fn give_uvs(mesh: &mut Mesh, corners: &[[(u32, Vec2); 3]]) {
+    let count = mesh.positions.len();
+    if corners.iter().flatten().any(|(vertex, _)| *vertex as usize >= count) {
+        // An error: the mesh is refused when it is placed.
+        return;
+    }
+    let mut first = vec![NONE; count];
+    // Those of one vertex are chained: (vertex, texture coordinates, next).
+    let mut pairs: Vec<(u32, Vec2, u32)> = Vec::new();
+    for (triangle, corners) in mesh.triangles.iter_mut().zip(corners) {
+        *triangle = corners.map(|(vertex, uv)| {
+            let mut pair = first[vertex as usize];
+            while pair != NONE && pairs[pair as usize].1 != uv {
+                pair = pairs[pair as usize].2;
+            }
+            if pair == NONE {
+                pair = pairs.len() as u32;
+                pairs.push((vertex, uv, std::mem::replace(&mut first[vertex as usize], pair)));
+            }
+            pair
+        });
+    }
+    let of_pairs = |values: &mut Vec<Vec3>| {
+        if !values.is_empty() {
+            *values = pairs.iter().map(|(vertex, ..)| values[*vertex as usize]).collect();
+        }
+    };
+    of_pairs(&mut mesh.positions);
+    of_pairs(&mut mesh.normals);
+    mesh.attributes.iter_mut().filter(|a| a.of_vertices()).for_each(|a| of_pairs(&mut a.values));
+    mesh.uvs = pairs.iter().map(|(_, uv, _)| *uv).collect();
 }
 
 #[cfg(test)]
@@ -777,7 +932,7 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), bytes).unwrap();
         let attributes: Vec<_> = names.iter().map(|name| name.to_string()).collect();
-        read(file.path(), &Options { flip_v: false, colors, attributes: &attributes })
+        read(file.path(), &Options { flip_v: false, colors, attributes: &attributes }).map(|(mesh, _)| mesh)
     }
 
     const ASCII: &str = "ply\nformat ascii 1.0\ncomment c\nelement vertex 4\nproperty float t\nproperty float s\n\

@@ -7,6 +7,39 @@
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::VecDeque;
+use std::path::Path;
+
+/// Faces of fewer than three corners, which have no surface.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Skipped {
+    count: usize,
+    /// Line or number of the first one.
+    first: u64,
+}
+
+impl Skipped {
+    /// Adds `count` faces that come later.
+    pub(super) fn add(&mut self, count: usize, first: u64) {
+        if self.count == 0 {
+            self.first = first;
+        }
+        self.count += count;
+    }
+
+    pub(super) fn append(&mut self, later: Skipped) {
+        self.add(later.count, later.first);
+    }
+
+    /// What users are told of a file, if any face is skipped; `place` is what the first one's number is of.
+    pub(super) fn warning(&self, path: &Path, place: &str) -> Option<String> {
+        let Skipped { count, first } = self;
+        let faces = if *count == 1 { "face has" } else { "faces have" };
+        let path = path.display();
+        (*count > 0).then(|| {
+            format!("{path}: {count} {faces} fewer than three corners: skipped (the first: {place} {first})")
+        })
+    }
+}
 
 /// Which triangles of a mesh are fans.
 #[derive(Debug, Default)]
@@ -330,4 +363,234 @@ fn touches([min, max]: &[DVec2; 2], &[a, b, c]: &[DVec2; 3]) -> bool {
     };
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
     min.cmple(high).all() && max.cmpge(low).all() && !is_beyond(a, b) && !is_beyond(b, c) && !is_beyond(c, a)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{IVec2, Quat};
+    use proptest::prelude::*;
+    use proptest::test_runner::RngSeed;
+
+    /// The triangles that polygons become, all at once, and so that each begins with its first corner.
+    fn triangulate(polygons: &[Vec<Vec3>]) -> Vec<Vec<[usize; 3]>> {
+        let (mut fans, mut triangles, mut all) = (Fans::default(), Vec::new(), Vec::new());
+        for polygon in polygons {
+            let (start, n) = (all.len(), polygon.len());
+            fans.push(triangles.len(), n, 1);
+            triangles.extend((1..n - 1).map(|i| [start, start + i, start + i + 1]));
+            all.extend(polygon);
+        }
+        fans.fit(&mut triangles, |i| all.get(i).copied());
+        let (mut start, mut rest) = (0, &triangles[..]);
+        let own = |polygon: &Vec<Vec3>| {
+            let (own, after) = rest.split_at(polygon.len() - 2);
+            let own = own.iter().map(|t| t.map(|i| i - start)).collect();
+            (start, rest) = (start + polygon.len(), after);
+            own
+        };
+        polygons.iter().map(own).collect()
+    }
+
+    fn twice_area([a, b, c]: [IVec2; 3]) -> i64 {
+        let (ab, ac) = ((b - a).as_i64vec2(), (c - a).as_i64vec2());
+        ab.x * ac.y - ab.y * ac.x
+    }
+
+    fn shoelace(polygon: &[IVec2]) -> i64 {
+        polygon[1..].windows(2).map(|w| twice_area([polygon[0], w[0], w[1]])).sum()
+    }
+
+    /// Triangles of one orientation whose sum is the polygon cover it once.
+    fn check(polygon: &[IVec2]) {
+        let n = polygon.len();
+        let mut turned: Vec<Vec<IVec2>> =
+            (0..n).map(|i| (0..n).map(|k| polygon[(i + k) % n]).collect()).collect();
+        turned.extend(turned.clone().into_iter().map(|p| p.into_iter().rev().collect()));
+        let lifted = |p: &Vec<IVec2>| p.iter().map(|q| Vec3::new(7.0, q.x as f32, q.y as f32)).collect();
+        let found = triangulate(&turned.iter().map(lifted).collect::<Vec<_>>());
+        for (polygon, triangles) in turned.iter().zip(found) {
+            let areas = triangles.iter().map(|t| twice_area(t.map(|i| polygon[i])));
+            let (area, areas) = (shoelace(polygon), areas.collect::<Vec<_>>());
+            assert_eq!(areas.iter().sum::<i64>(), area, "{polygon:?}: {triangles:?}");
+            assert_eq!(areas.iter().map(|a| a.abs()).sum::<i64>(), area.abs(), "{polygon:?}: {triangles:?}");
+        }
+    }
+
+    fn polygon(corners: &[(i32, i32)]) -> Vec<IVec2> {
+        corners.iter().map(|&p| p.into()).collect()
+    }
+
+    #[test]
+    fn shapes_of_all_kinds_are_covered() {
+        for corners in [
+            // A chevron, an arrow, an L with a corner along an edge.
+            &[(-1, -1), (0, 0), (1, -1), (0, 1)][..],
+            &[(0, 0), (9, 1), (10, 0), (9, 2)],
+            &[(0, 0), (1, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2), (0, 1)],
+            // A star.
+            &[(0, 10), (2, 3), (9, 3), (4, -1), (6, -8), (0, -4), (-6, -8), (-4, -1), (-9, 3), (-2, 3)],
+            // Corners twice, three times, and a way there and back.
+            &[(0, 0), (0, 0), (4, 0), (4, 0), (4, 0), (1, 1), (0, 4), (0, 4)],
+            &[(0, 0), (4, 0), (9, 0), (4, 0), (1, 1), (0, 4)],
+            &[(0, 0), (4, 0), (1, 1), (1, 2), (1, 1), (0, 4)],
+            // Two triangles that touch in a corner.
+            &[(0, 0), (2, -1), (2, 1), (0, 0), (-2, 1), (-2, -1)],
+            // A window, with the bridge at a corner and in the middle of an edge.
+            &[(0, 0), (6, 0), (6, 6), (0, 6), (0, 0), (2, 2), (2, 4), (4, 4), (4, 2), (2, 2)],
+            &[(0, 3), (0, 0), (6, 0), (6, 6), (0, 6), (0, 3), (2, 3), (3, 4), (4, 3), (3, 2), (2, 3)],
+            // Two windows, the bridge to the second along an edge of the first.
+            &[
+                (0, 2), (0, 0), (9, 0), (9, 5), (0, 5), (0, 2), (1, 2), (1, 4), (3, 3), (3, 2), (5, 2), (5, 4), (7, 4),
+                (7, 2), (5, 2), (3, 2), (1, 2),
+            ],
+            // Without area.
+            &[(1, 1), (1, 1), (1, 1), (1, 1), (1, 1)],
+            &[(0, 0), (1, 1), (2, 2), (1, 1)],
+        ] {
+            check(&polygon(corners));
+        }
+    }
+
+    #[test]
+    fn convex_polygons_stay_fans() {
+        let round = |n: usize| -> Vec<Vec3> {
+            let angle = |i| i as f32 * std::f32::consts::TAU / n as f32;
+            (0..n).map(|i| Vec3::new(angle(i).cos(), 0.3, angle(i).sin())).collect()
+        };
+        let square = [(0, 0), (1, 0), (2, 0), (2, 2), (0, 2)].map(|(x, y)| Vec3::new(x as f32, y as f32, 0.0));
+        let folded = vec![Vec3::ZERO, Vec3::X, Vec3::ONE, Vec3::Y];
+        let polygons = [round(4), round(5), round(100), square.to_vec(), folded];
+        for (polygon, triangles) in polygons.iter().zip(triangulate(&polygons)) {
+            assert!(triangles.into_iter().eq((1..polygon.len() - 1).map(|i| [0, i, i + 1])));
+        }
+    }
+
+    #[test]
+    fn corners_without_a_place_are_left_alone() {
+        let mut fans = Fans::default();
+        fans.push(0, 4, 1);
+        let mut triangles = [[0, 1, 2], [0, 2, 3]];
+        fans.fit(&mut triangles, |i| [Vec3::Y, Vec3::X, Vec3::ZERO].get(i).copied());
+        assert_eq!(triangles, [[0, 1, 2], [0, 2, 3]]);
+    }
+
+    /// As only far more than this many corners would take long.
+    #[test]
+    fn large_polygons_take_no_time() {
+        const N: usize = 100_000;
+        let polar = |r: f64, angle: f64| Vec3::new((r * angle.cos()) as f32, (r * angle.sin()) as f32, 1.0);
+        let arm = |i: usize, r: f64| polar(r + 0.05 * i as f64, 0.05 * i as f64);
+        let half = N / 2;
+        let spiral = (0..half).map(|i| arm(i, 1.0)).chain((0..half).rev().map(|i| arm(i, 3.0))).collect();
+        let angle = |i: usize| i as f64 / N as f64 * std::f64::consts::TAU;
+        let burst = (0..N).map(|i| polar(1.0 + (i * 7919 % 1000) as f64, angle(i))).collect();
+        let comb = (0..N - 2).map(|i| Vec3::new(i as f32, (i % 2 * 1000) as f32, 0.0));
+        let comb = comb.chain([Vec3::new(N as f32, -1.0, 0.0), Vec3::new(0.0, -1.0, 0.0)]).collect();
+        for polygon in [spiral, burst, comb] {
+            let points: Vec<DVec3> = polygon.iter().map(|p: &Vec3| p.as_dvec3()).collect();
+            let start = std::time::Instant::now();
+            let triangles = triangulate(&[polygon]).remove(0);
+            assert!(start.elapsed().as_secs() < 60);
+            let areas = triangles.iter().map(|t| area_vector(&t.map(|i| points[i])).length());
+            let (sum, area) = (areas.sum::<f64>(), area_vector(&points).length());
+            assert!((sum / area - 1.0).abs() < 1e-9, "{sum} is not {area}");
+        }
+    }
+
+    fn crosses(a: IVec2, b: IVec2, c: IVec2, d: IVec2) -> bool {
+        let side = |a, b, c| twice_area([a, b, c]).signum();
+        let is_on = |a: IVec2, b: IVec2, c: IVec2| {
+            side(a, b, c) == 0 && a.min(b).cmple(c).all() && a.max(b).cmpge(c).all()
+        };
+        side(a, b, c) * side(a, b, d) < 0 && side(c, d, a) * side(c, d, b) < 0
+            || is_on(a, b, c)
+            || is_on(a, b, d)
+            || is_on(c, d, a)
+            || is_on(c, d, b)
+    }
+
+    /// Corners are added between others where that leaves the polygon simple.
+    fn grown(points: &[((i32, i32), usize)]) -> Vec<IVec2> {
+        let mut polygon: Vec<IVec2> = Vec::new();
+        for (p, at) in points.iter().map(|&(p, at)| (IVec2::from(p), at)) {
+            let n = polygon.len();
+            let [a, b] = match n {
+                0 => [p, p],
+                n => [at, at + 1].map(|i| polygon[i % n]),
+            };
+            let is_bent = n < 2 || twice_area([a, p, b]) != 0;
+            let is_free = (0..n).map(|i| [polygon[i], polygon[(i + 1) % n]]).all(|[c, d]| {
+                let touches = |e: IVec2| crosses(e, p, c, d) && e != c && e != d;
+                // Edges at an end may touch there alone.
+                let overlaps = |e: IVec2, f: IVec2| twice_area([e, p, f]) == 0 && (p - e).dot(f - e) > 0;
+                let folds = |e: IVec2| e == c && overlaps(e, d) || e == d && overlaps(e, c);
+                n < 3 || (c == a && d == b) || !(touches(a) || touches(b) || folds(a) || folds(b))
+            });
+            if is_bent && is_free && !polygon.contains(&p) {
+                polygon.insert(if n == 0 { 0 } else { at % n + 1 }, p);
+            }
+        }
+        polygon
+    }
+
+    fn points(size: i32) -> impl Strategy<Value = Vec<((i32, i32), usize)>> {
+        prop::collection::vec(((0..size, 0..size), 0..usize::MAX / 2), 4..60)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig {
+            cases: 300,
+            failure_persistence: None,
+            rng_seed: RngSeed::Fixed(18),
+            ..ProptestConfig::default()
+        })]
+
+        /// On a coarse grid corners lie along edges of others and of the triangles.
+        #[test]
+        fn random_polygons_are_covered(
+            points in prop_oneof![points(6), points(12), points(2000)],
+            doubled in prop::collection::vec(any::<prop::sample::Index>(), 0..3),
+        ) {
+            let mut polygon = grown(&points);
+            for index in doubled {
+                let i = index.index(polygon.len());
+                polygon.insert(i, polygon[i]);
+            }
+            if polygon.len() >= 3 {
+                check(&polygon);
+            }
+        }
+
+        /// In space they are not quite flat.
+        #[test]
+        fn random_polygons_are_covered_in_space(
+            radii in prop::collection::vec(0.02f32..1.0, 4..80),
+            bumps in prop::collection::vec(-1e-3f32..1e-3, 80),
+            turn in prop::array::uniform3(-3.0f32..3.0),
+            far in prop_oneof![Just(0.0f32), Just(100.0)],
+        ) {
+            let n = radii.len() as f32;
+            let turn = Quat::from_euler(glam::EulerRot::XYZ, turn[0], turn[1], turn[2]);
+            let flat = |(i, r): (usize, &f32)| Vec3::new(r * (i as f32 / n * 6.28).cos(), r * (i as f32 / n * 6.28).sin(), 0.0);
+            let flat: Vec<Vec3> = radii.iter().enumerate().map(flat).collect();
+            let bumpy = flat.iter().zip(bumps).map(|(p, bump)| turn * (*p + bump * Vec3::Z) + far);
+            let triangles = triangulate(&[bumpy.collect()]).remove(0);
+            let flat: Vec<DVec3> = flat.iter().map(|p| p.as_dvec3()).collect();
+            let areas: Vec<f64> = triangles.iter().map(|t| area_vector(&t.map(|i| flat[i])).z).collect();
+            let (sum, area) = (areas.iter().map(|a| a.abs()).sum::<f64>(), area_vector(&flat).z);
+            // Rounding and bumps turn slivers around.
+            prop_assert!((sum / area - 1.0).abs() < 2e-3, "{} is not {}", sum, area);
+        }
+
+        /// Whatever is not simple is triangles whose sum is the polygon.
+        #[test]
+        fn crossing_polygons_are_triangles_too(points in points(7)) {
+            let polygon: Vec<IVec2> = points.iter().map(|(p, _)| IVec2::from(*p)).collect();
+            let lifted = polygon.iter().map(|q| Vec3::new(q.x as f32, q.y as f32, 0.0)).collect();
+            let triangles = triangulate(&[lifted]).remove(0);
+            let areas = triangles.iter().map(|t| twice_area(t.map(|i| polygon[i])));
+            prop_assert_eq!(areas.sum::<i64>(), shoelace(&polygon));
+        }
+    }
 }

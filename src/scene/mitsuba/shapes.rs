@@ -40,8 +40,8 @@ struct MeshFile {
 }
 
 /// Reads all mesh files, each once, and keeps the attributes of these names. The first error in scene order counts,
-/// whatever thread finds it.
-pub(super) fn build(jobs: Vec<Job>, attributes: &[String]) -> Result<Vec<Shape>, Failure> {
+/// whatever thread finds it. Warnings come with the shapes.
+pub(super) fn build(jobs: Vec<Job>, attributes: &[String]) -> Result<(Vec<Shape>, Vec<String>), Failure> {
     let mut shapes: Vec<Option<Shape>> = Vec::with_capacity(jobs.len());
     let mut files: Vec<MeshFile> = Vec::new();
     let mut file_of = HashMap::new();
@@ -62,45 +62,53 @@ pub(super) fn build(jobs: Vec<Job>, attributes: &[String]) -> Result<Vec<Shape>,
     }
     let made: Vec<_> = files.into_par_iter().map(|file| file.shapes(attributes)).collect();
     let mut first: Option<Failure> = None;
+    let mut warnings = Vec::new();
     for made in made {
         match made {
-            Ok(placed) => placed.into_iter().for_each(|(index, shape)| shapes[index] = Some(shape)),
+            Ok((placed, warning)) => {
+                placed.into_iter().for_each(|(index, shape)| shapes[index] = Some(shape));
+                warnings.extend(warning);
+            }
             Err(failure) if first.as_ref().is_none_or(|(place, _)| failure.0 < *place) => {
                 first = Some(failure)
             }
             Err(_) => {}
         }
     }
-    first.map_or_else(|| Ok(shapes.into_iter().flatten().collect()), Err)
+    first.map_or_else(|| Ok((shapes.into_iter().flatten().collect(), warnings)), Err)
 }
 
 impl MeshFile {
-    /// All its shapes, with their indices.
-    fn shapes(mut self, attributes: &[String]) -> Result<Vec<(usize, Shape)>, Failure> {
-        let Some(last) = self.uses.pop() else { return Ok(Vec::new()) };
+    /// All its shapes, with their indices, and what users are told of the file.
+    fn shapes(mut self, attributes: &[String]) -> Result<(Vec<(usize, Shape)>, Option<String>), Failure> {
+        let Some(last) = self.uses.pop() else { return Ok((Vec::new(), None)) };
         let first = self.uses.first().map_or(last.1, |u| u.1);
-        let mesh = self.read(attributes).map_err(|error| (first, error))?;
+        let (mesh, warning) = self.read(attributes).map_err(|error| (first, error))?;
         let placed = |mesh, (index, at, placement): &(usize, u32, Placement)| match place(mesh, placement) {
             Ok(mesh) => Ok((*index, Shape::Mesh(mesh))),
             Err(message) => Err((*at, Error::File { file: self.path.clone(), message })),
         };
         let copies: Vec<_> = self.uses.par_iter().map(|u| placed(mesh.clone(), u)).collect();
         // The last one needs no copy.
-        copies.into_iter().chain([placed(mesh, &last)]).collect()
+        let all: Result<Vec<_>, Failure> = copies.into_iter().chain([placed(mesh, &last)]).collect();
+        Ok((all?, warning))
     }
 
-    fn read(&self, attributes: &[String]) -> Result<Mesh> {
-        let mesh = match self.format {
-            Format::Obj { flip_v } => obj::Obj::read(&self.path, flip_v)?.mesh(),
+    fn read(&self, attributes: &[String]) -> Result<(Mesh, Option<String>)> {
+        let (mesh, warning) = match self.format {
+            Format::Obj { flip_v } => {
+                let obj = obj::Obj::read(&self.path, flip_v)?;
+                (obj.mesh(), obj.warning(&self.path))
+            }
             Format::Ply { flip_v, colors } => {
                 ply::read(&self.path, &ply::Options { flip_v, colors, attributes })?
             }
-            Format::Serialized { index } => serialized::read(&self.path, index, attributes)?,
+            Format::Serialized { index } => (serialized::read(&self.path, index, attributes)?, None),
         };
         if mesh.triangles.is_empty() {
             return Err(Error::File { file: self.path.clone(), message: "the mesh has no triangles".into() });
         }
-        Ok(mesh)
+        Ok((mesh, warning))
     }
 }
 
