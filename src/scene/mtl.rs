@@ -421,6 +421,51 @@ mod tests {
     }
 
     #[test]
+    fn a_scene_needs_faces() {
+        for obj in ["", "f 1 2\n"] {
+            assert!(scene(obj, "").unwrap_err().to_string().contains("no face"));
+        }
+        let warnings = scene("f 1 2\nf 1 2 3\n", "newmtl light\nKe 1 1 1\n").unwrap().warnings;
+        assert!(warnings[0].contains("1 face has fewer than three corners"), "{warnings:?}");
+    }
+
+    #[test]
+    fn statements_may_name_several_libraries() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        for name in ["a.mtl", "b.mtl", "my", "my file.mtl"] {
+            fs::write(path(name), format!("\u{feff}newmtl {name}\nKd \\\n1 0 0\n")).unwrap();
+        }
+        fs::create_dir(path("d")).unwrap();
+        fs::write(path("d").join("c.mtl"), "").unwrap();
+        for (names, files) in [
+            ("a.mtl", vec!["a.mtl"]),
+            ("a.mtl  b.mtl\ta.mtl", vec!["a.mtl", "b.mtl", "a.mtl"]),
+            ("my file.mtl", vec!["my file.mtl"]),
+            ("a.mtl d\\c.mtl", vec!["a.mtl", "d/c.mtl"]),
+            ("none.mtl", vec!["none.mtl"]),
+            ("b.mtl none.mtl", vec!["b.mtl", "none.mtl"]),
+            ("", vec![]),
+        ] {
+            let files: Vec<_> = files.into_iter().map(path).collect();
+            assert_eq!(library_files(names, folder.path()), files, "{names}");
+        }
+        fs::remove_file(path("my")).unwrap();
+        let both = vec![path("a.mtl"), path("my file.mtl"), path("b.mtl")];
+        assert_eq!(library_files("a.mtl my file.mtl b.mtl", folder.path()), both);
+
+        let obj = "mtllib a.mtl my file.mtl\nmtllib b.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\n\
+                   usemtl a.mtl\nf 1 2 3\nusemtl b.mtl\nf 1 2 3\nusemtl my file.mtl\nf 1 2 3\n";
+        fs::write(path("a.obj"), obj).unwrap();
+        assert_eq!(load(&path("a.obj"), None).unwrap().materials.len(), 3);
+        fs::write(path("a.obj"), obj.replace("mtllib b.mtl", "mtllib b.mtl c.mtl")).unwrap();
+        match load(&path("a.obj"), None) {
+            Err(Error::Scene { line: 2, message, .. }) => assert!(message.contains("c.mtl"), "{message}"),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
     fn map_options_are_skipped() {
         let file = Path::new("d/a.mtl");
         let name = |text| map(text, file).unwrap();

@@ -202,7 +202,8 @@ impl Ring {
     fn cut(mut self, ears: &mut Vec<[usize; 3]>) {
         let n = self.points.len();
         let mut left = n;
-        let mut candidates: VecDeque<usize> = (0..n).collect();
+        // What has no area goes first: it hides which side is inside.
+        let mut candidates: VecDeque<usize> = (0..n).filter(|&i| self.is_spike(i)).chain(0..n).collect();
         // Whether a corner is an ear changes with its neighbours alone, but for corners that touch others' edges: all are
         // tried again, not for ever.
         let mut tries = 16 * n;
@@ -231,7 +232,13 @@ impl Ring {
             (self.next[before], self.previous[after]) = (after, before);
             self.is_cut[ear] = true;
             self.boxes.remove(ear);
-            candidates.extend([before, after]);
+            for i in [before, after] {
+                if self.is_spike(i) {
+                    candidates.push_front(i);
+                } else {
+                    candidates.push_back(i);
+                }
+            }
             (corner, left) = (after, left - 1);
         }
     }
@@ -240,7 +247,8 @@ impl Ring {
     fn convex(&self, corner: usize, left: usize) -> usize {
         let mut i = corner;
         for _ in 0..left {
-            if area(self.points[self.previous[i]], self.points[i], self.points[self.next[i]]) > 0.0 {
+            let [a, b, c] = self.ear(i);
+            if area(a, b, c) > 0.0 {
                 return i;
             }
             i = self.next[i];
@@ -248,15 +256,22 @@ impl Ring {
         corner
     }
 
-    /// Whether a corner can be cut off: it holds no other, or has no area.
+    /// A corner between its neighbours.
+    fn ear(&self, i: usize) -> [DVec2; 3] {
+        [self.previous[i], i, self.next[i]].map(|i| self.points[i])
+    }
+
+    /// Whether a corner is in its neighbour's place, or the polygon goes there and back.
+    fn is_spike(&self, i: usize) -> bool {
+        let [a, b, c] = self.ear(i);
+        area(a, b, c) == 0.0 && (b == c || (a - b).dot(c - b) > 0.0)
+    }
+
+    /// Whether a corner can be cut off.
     fn is_ear(&self, i: usize) -> bool {
-        let ear @ [a, b, c] = [self.previous[i], i, self.next[i]].map(|i| self.points[i]);
-        let area = area(a, b, c);
-        // Two corners in one place, or a way there and back.
-        if area == 0.0 && (b == c || (a - b).dot(c - b) > 0.0) {
-            return true;
-        }
-        area > 0.0 && !self.boxes.any(&ear, |other| self.is_in_the_way(other, &ear))
+        let ear @ [a, b, c] = self.ear(i);
+        let is_convex = area(a, b, c) > 0.0;
+        is_convex && !self.boxes.any(&ear, |other| self.is_in_the_way(other, &ear)) || self.is_spike(i)
     }
 
     /// Whether a corner lies in an ear, its outline included. One that lies on a corner of the ear does if the polygon goes
@@ -441,8 +456,23 @@ mod tests {
             &[(0, 3), (0, 0), (6, 0), (6, 6), (0, 6), (0, 3), (2, 3), (3, 4), (4, 3), (3, 2), (2, 3)],
             // Two windows, the bridge to the second along an edge of the first.
             &[
-                (0, 2), (0, 0), (9, 0), (9, 5), (0, 5), (0, 2), (1, 2), (1, 4), (3, 3), (3, 2), (5, 2), (5, 4), (7, 4),
-                (7, 2), (5, 2), (3, 2), (1, 2),
+                (0, 2),
+                (0, 0),
+                (9, 0),
+                (9, 5),
+                (0, 5),
+                (0, 2),
+                (1, 2),
+                (1, 4),
+                (3, 3),
+                (3, 2),
+                (5, 2),
+                (5, 4),
+                (7, 4),
+                (7, 2),
+                (5, 2),
+                (3, 2),
+                (1, 2),
             ],
             // Without area.
             &[(1, 1), (1, 1), (1, 1), (1, 1), (1, 1)],
@@ -458,7 +488,8 @@ mod tests {
             let angle = |i| i as f32 * std::f32::consts::TAU / n as f32;
             (0..n).map(|i| Vec3::new(angle(i).cos(), 0.3, angle(i).sin())).collect()
         };
-        let square = [(0, 0), (1, 0), (2, 0), (2, 2), (0, 2)].map(|(x, y)| Vec3::new(x as f32, y as f32, 0.0));
+        let square =
+            [(0, 0), (1, 0), (2, 0), (2, 2), (0, 2)].map(|(x, y)| Vec3::new(x as f32, y as f32, 0.0));
         let folded = vec![Vec3::ZERO, Vec3::X, Vec3::ONE, Vec3::Y];
         let polygons = [round(4), round(5), round(100), square.to_vec(), folded];
         for (polygon, triangles) in polygons.iter().zip(triangulate(&polygons)) {
@@ -487,8 +518,8 @@ mod tests {
         let burst = (0..N).map(|i| polar(1.0 + (i * 7919 % 1000) as f64, angle(i))).collect();
         let comb = (0..N - 2).map(|i| Vec3::new(i as f32, (i % 2 * 1000) as f32, 0.0));
         let comb = comb.chain([Vec3::new(N as f32, -1.0, 0.0), Vec3::new(0.0, -1.0, 0.0)]).collect();
-        for polygon in [spiral, burst, comb] {
-            let points: Vec<DVec3> = polygon.iter().map(|p: &Vec3| p.as_dvec3()).collect();
+        for polygon in [spiral, burst, comb] as [Vec<Vec3>; 3] {
+            let points: Vec<DVec3> = polygon.iter().map(|p| p.as_dvec3()).collect();
             let start = std::time::Instant::now();
             let triangles = triangulate(&[polygon]).remove(0);
             assert!(start.elapsed().as_secs() < 60);
