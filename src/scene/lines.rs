@@ -11,22 +11,27 @@ pub(super) fn logical(text: &[u8]) -> impl Iterator<Item = (Cow<'_, [u8]>, u32)>
             return None;
         }
         let newline = memchr(b'\n', rest).unwrap_or(rest.len());
-        let is_whole = ends(rest, newline);
-        let length = if is_whole { Some(newline + 1) } else { end(rest, newline) };
-        let (line, after) = rest.split_at(length.map_or(rest.len(), |n| n.min(rest.len())));
-        rest = after;
-        if is_whole {
+        if ends(rest, newline) {
+            let (line, after) = rest.split_at(rest.len().min(newline + 1));
+            rest = after;
             return Some((Cow::Borrowed(line), 1));
         }
-        let (mut joined, mut count) = (Vec::with_capacity(line.len()), 0);
-        for part in line.split_inclusive(|&b| b == b'\n') {
-            let part = part.trim_ascii_end();
-            joined.extend(if continues(part) { &part[..part.len() - 1] } else { part });
-            joined.push(b' ');
-            count += 1;
-        }
-        Some((Cow::Owned(joined), count))
+        let (lines, after) = rest.split_at(end(rest, newline).unwrap_or(rest.len()));
+        rest = after;
+        Some(joined(lines))
     })
+}
+
+#[cold]
+fn joined(lines: &[u8]) -> (Cow<'static, [u8]>, u32) {
+    let (mut joined, mut count) = (Vec::with_capacity(lines.len()), 0);
+    for line in lines.split_inclusive(|&b| b == b'\n') {
+        let line = line.trim_ascii_end();
+        joined.extend(if continues(line) { &line[..line.len() - 1] } else { line });
+        joined.push(b' ');
+        count += 1;
+    }
+    (Cow::Owned(joined), count)
 }
 
 /// Where the first logical line ends whose end is at or after `from`.
@@ -42,9 +47,8 @@ pub(super) fn whole(text: &[u8]) -> usize {
 
 /// Whether this end of a line ends a logical line.
 fn ends(text: &[u8], newline: usize) -> bool {
-    let last = text[..newline].iter().rposition(|b| !matches!(b, b' ' | b'\t' | b'\r'));
-    // Few lines come so far.
-    last.is_none_or(|i| text[i] != b'\\') || {
+    let last = text[..newline].iter().rev().find(|b| !matches!(b, b' ' | b'\t' | b'\r'));
+    last != Some(&b'\\') || {
         let start = memrchr(b'\n', &text[..newline]).map_or(0, |i| i + 1);
         !continues(&text[start..newline])
     }

@@ -455,7 +455,7 @@ mod tests {
     }
 
     fn area(mesh: &Mesh) -> f32 {
-        (0..mesh.triangles.len() as u32).map(|i| mesh.area_vector(i).length()).sum()
+        (0..mesh.triangles.len() as u32).map(|i| 0.5 * mesh.area_vector(i).length()).sum()
     }
 
     #[test]
@@ -482,9 +482,9 @@ mod tests {
              b.mtl\nf 1/1 2/1\\\n3/1 \\\n 4/1 \\\n\n",
         );
         let obj = obj.unwrap();
-        assert_eq!(obj.libraries, [("a.mtl    b.mtl".to_string(), 10)]);
+        assert_eq!(obj.libraries, [("a.mtl  b.mtl".to_string(), 11)]);
         let meshes = obj.meshes();
-        assert_eq!((meshes[0].0.as_str(), meshes[0].1), ("a    b", 8));
+        assert_eq!((meshes[0].0.as_str(), meshes[0].1), ("a   b", 9));
         assert_eq!(meshes[0].2.triangles, [[0, 1, 2], [0, 2, 3]]);
     }
 
