@@ -296,3 +296,26 @@ impl<'a> Loader<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn faces_without_a_surface_are_told_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.obj");
+        let placement = Placement::IDENTITY;
+        let job =
+            |place| Job::File { place, format: Format::Obj { flip_v: true }, path: path.clone(), placement };
+        fs::write(&path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\nf 1 2 3\n").unwrap();
+        let (shapes, warnings) = build(vec![job(0), job(1)], &[]).unwrap();
+        assert_eq!((shapes.len(), warnings.len()), (2, 1));
+        assert!(warnings[0].contains("1 face has fewer than three corners"), "{warnings:?}");
+        fs::write(&path, "v 0 0 0\nv 1 0 0\nf 1 2\n").unwrap();
+        let (place, error) = build(vec![job(3), job(5)], &[]).unwrap_err();
+        assert_eq!(place, 3);
+        assert!(error.to_string().contains("the mesh has no triangles"), "{error}");
+    }
+}
