@@ -282,6 +282,7 @@ impl Piece {
         let start = triangles.len();
         let mut corners = tokens.map(|token| corner(token, counts));
         if let (Some(first), Some(second)) = (corners.next().transpose()?, corners.next().transpose()?) {
+            // Polygons are fans at first.
             let mut previous = second;
             for corner in corners {
                 let corner = corner?;
@@ -509,7 +510,7 @@ mod tests {
             if i % 7000 == 0 {
                 text += if i % 14000 == 0 { "usemtl b\n" } else { "usemtl a\n" };
             }
-            text += &format!("v {} 1 0\nvt .5 {i}\nf -3/{} {}/-1 -1/1\n", i + 2, i + 1, i + 2);
+            text += &format!("v {} 1 0\nvt .5 {i}\nf -3/{} {}/-1 \\\n -1/1\n", i + 2, i + 1, i + 2);
         }
         let obj = read(&text).unwrap();
         let count = |material: &str| {

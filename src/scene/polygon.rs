@@ -114,6 +114,13 @@ struct Room {
 
 impl Room {
     fn fit<C: Copy>(&mut self, fan: &mut [[C; 3]], position: &impl Fn(C) -> Option<Vec3>) {
+        // Most are quadrilaterals.
+        if let [[a, b, c], [_, _, d]] = *fan {
+            let points = [a, b, c, d].map(|corner| position(corner).unwrap_or(Vec3::NAN).as_dvec3());
+            if fan_fits(&points) {
+                return;
+            }
+        }
         self.points.clear();
         self.points.extend(corners(fan).map_while(position).map(|p| p.as_dvec3()));
         if self.points.len() < fan.len() + 2 || fan_fits(&self.points) {
