@@ -3,7 +3,7 @@
 use memchr::{memchr, memchr_iter, memrchr, memrchr_iter};
 use std::borrow::Cow;
 
-/// Logical lines without their ends, each with how many lines of the file it takes. The last may lack its end.
+/// Logical lines, each with how many lines of the file it takes. The last may lack its end.
 pub(super) fn logical(text: &[u8]) -> impl Iterator<Item = (Cow<'_, [u8]>, u32)> {
     let mut rest = text;
     std::iter::from_fn(move || {

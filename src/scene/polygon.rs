@@ -1,8 +1,8 @@
 //! Polygons as triangles.
 //!
-//! Readers store a polygon of n corners as a fan of n − 2 triangles around its first corner, which is right if all of it is
-//! seen from there, as of every convex one. [`Fans::fit`] finds those that are not, and cuts their ears instead (Meisters
-//! 1975, "Polygons Have Ears"). Their number stays, so what belongs to triangles by number stays in place.
+//! Readers store a polygon of n corners as a fan of n − 2 triangles around its first corner, which is right if all of
+//! it is seen from there, as of every convex one. [`Fans::fit`] finds those that are not, and cuts their ears instead
+//! (Meisters 1975, "Polygons Have Ears"). Their number stays, so what belongs to triangles by number stays in place.
 
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
@@ -70,8 +70,8 @@ impl Fans {
         fans.0.into_iter().for_each(|f| self.push(start + f.start, f.corners, f.count));
     }
 
-    /// Makes triangles of each polygon that cover it: they have its orientation, and none overlap, unless it crosses
-    /// itself. A polygon of which a corner has no position is left alone.
+    /// Makes triangles of each polygon that cover it: they have its orientation, and none overlap,
+    /// unless it crosses itself. A polygon of which a corner has no position is left alone.
     pub(super) fn fit<C: Copy + Send + Sync>(
         &self,
         triangles: &mut [[C; 3]],
@@ -157,7 +157,8 @@ fn fan_fits(points: &[DVec3]) -> bool {
     fan(points).all(|n| n.dot(normal) >= 0.0)
 }
 
-/// The polygon seen against its normal, but for a linear map: counter-clockwise. Exact where an axis is the normal.
+/// The polygon seen against its normal, but for a linear map: counter-clockwise. Exact where an axis is the
+/// normal.
 fn flatten(points: &[DVec3]) -> impl Iterator<Item = DVec2> {
     let (origin, normal) = (points[0], area_vector(points));
     let size = normal.abs();
@@ -211,8 +212,8 @@ impl Ring {
         let mut left = n;
         // What has no area goes first: it hides which side is inside.
         let mut candidates: VecDeque<usize> = (0..n).filter(|&i| self.is_spike(i)).chain(0..n).collect();
-        // Whether a corner is an ear changes with its neighbours alone, but for corners that touch others' edges: all are
-        // tried again, not for ever.
+        // Whether a corner is an ear changes with its neighbours alone, but for corners that touch others' edges:
+        // all are tried again, not for ever.
         let mut tries = 16 * n;
         let mut left_before = n + 1;
         let mut corner = 0;
@@ -281,8 +282,8 @@ impl Ring {
         is_convex && !self.boxes.any(&ear, |other| self.is_in_the_way(other, &ear)) || self.is_spike(i)
     }
 
-    /// Whether a corner lies in an ear, its outline included. One that lies on a corner of the ear does if the polygon goes
-    /// on into the ear from there.
+    /// Whether a corner lies in an ear, its outline included. One that lies on the ear's tip does if the polygon
+    /// goes on into the ear from there.
     fn is_in_the_way(&self, other: usize, &[a, b, c]: &[DVec2; 3]) -> bool {
         let p = self.points[other];
         if p == a || p == c {
@@ -610,8 +611,8 @@ mod tests {
         ) {
             let n = radii.len() as f32;
             let turn = Quat::from_euler(glam::EulerRot::XYZ, turn[0], turn[1], turn[2]);
-            let flat = |(i, r): (usize, &f32)| Vec3::new(r * (i as f32 / n * 6.28).cos(), r * (i as f32 / n * 6.28).sin(), 0.0);
-            let flat: Vec<Vec3> = radii.iter().enumerate().map(flat).collect();
+            let direction = |i: usize| glam::Vec2::from_angle(i as f32 / n * std::f32::consts::TAU);
+            let flat: Vec<Vec3> = (0..).zip(&radii).map(|(i, r)| (*r * direction(i)).extend(0.0)).collect();
             let bumpy = flat.iter().zip(bumps).map(|(p, bump)| turn * (*p + bump * Vec3::Z) + far);
             let triangles = triangulate(&[bumpy.collect()]).remove(0);
             let flat: Vec<DVec3> = flat.iter().map(|p| p.as_dvec3()).collect();

@@ -78,9 +78,11 @@ pub(super) fn build(jobs: Vec<Job>, attributes: &[String]) -> Result<(Vec<Shape>
     first.map_or_else(|| Ok((shapes.into_iter().flatten().collect(), warnings)), Err)
 }
 
+/// A file's shapes, with their indices, and what users are told of it.
+type Placed = (Vec<(usize, Shape)>, Option<String>);
+
 impl MeshFile {
-    /// All its shapes, with their indices, and what users are told of the file.
-    fn shapes(mut self, attributes: &[String]) -> Result<(Vec<(usize, Shape)>, Option<String>), Failure> {
+    fn shapes(mut self, attributes: &[String]) -> Result<Placed, Failure> {
         let Some(last) = self.uses.pop() else { return Ok((Vec::new(), None)) };
         let first = self.uses.first().map_or(last.1, |u| u.1);
         let (mesh, warning) = self.read(attributes).map_err(|error| (first, error))?;
