@@ -212,8 +212,8 @@ impl Ring {
         let mut left = n;
         // What has no area goes first: it hides which side is inside.
         let mut candidates: VecDeque<usize> = (0..n).filter(|&i| self.is_spike(i)).chain(0..n).collect();
-        // Whether a corner is an ear changes with its neighbours alone, but for corners that touch others' edges:
-        // all are tried again, not for ever.
+        // Whether a corner is an ear changes with its neighbours alone, but for those that touch others' edges: all
+        // are tried again, not for ever.
         let mut tries = 16 * n;
         let mut left_before = n + 1;
         let mut corner = 0;
@@ -282,13 +282,10 @@ impl Ring {
         is_convex && !self.boxes.any(&ear, |other| self.is_in_the_way(other, &ear)) || self.is_spike(i)
     }
 
-    /// Whether a corner lies in an ear, its outline included. One that lies on the ear's tip does if the polygon
-    /// goes on into the ear from there.
+    /// Whether a corner lies in an ear, its outline included, but for its ends. One that lies on its tip does if the
+    /// polygon goes on into the ear from there.
     fn is_in_the_way(&self, other: usize, &[a, b, c]: &[DVec2; 3]) -> bool {
         let p = self.points[other];
-        if p == a || p == c {
-            return false;
-        }
         let is_within = |p| area(a, b, p) > 0.0 && area(b, c, p) > 0.0;
         if p == b {
             return [self.previous[other], self.next[other]].iter().any(|&i| is_within(self.points[i]));
@@ -352,7 +349,7 @@ impl Boxes {
         }
     }
 
-    /// Whether `f` is true of any point whose box touches the triangle.
+    /// Whether `f` is true of any point that may lie in an ear and not on its ends.
     fn any(&self, triangle: &[DVec2; 3], f: impl Fn(usize) -> bool) -> bool {
         let leaves = self.nodes.len() / 2;
         // Depth first.
@@ -376,8 +373,11 @@ impl Boxes {
     }
 }
 
-/// Whether a box may share a point with a counter-clockwise triangle.
+/// Whether a box may hold a point that lies in an ear and not on its ends, which many may share.
 fn touches([min, max]: &[DVec2; 2], &[a, b, c]: &[DVec2; 3]) -> bool {
+    if min == max && (*min == a || *min == c) {
+        return false;
+    }
     // Rounding is monotone: what a box misses, its points miss.
     let is_beyond = |from: DVec2, to: DVec2| {
         let x = if to.y < from.y { max.x } else { min.x };
