@@ -2,7 +2,6 @@
 //! be asked for.
 
 use crate::{Error, Result};
-use memchr::memchr;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -69,13 +68,16 @@ pub(super) fn cannot_read(path: &Path, error: &std::io::Error) -> Error {
     Error::File { file: path.into(), message: format!("cannot read the mesh: {error}") }
 }
 
-/// Cuts text behind separators into pieces for threads to share.
-pub(super) fn pieces(text: &[u8], separator: u8) -> impl Iterator<Item = &[u8]> {
+/// Cuts text into pieces for threads to share, where a record ends: `end` is the first end at or after a place.
+pub(super) fn pieces(
+    text: &[u8],
+    end: impl Fn(&[u8], usize) -> Option<usize>,
+) -> impl Iterator<Item = &[u8]> {
     const PIECE: usize = 1 << 16;
     let mut rest = text;
     std::iter::from_fn(move || {
-        let found = rest.get(PIECE..).and_then(|later| memchr(separator, later));
-        let (piece, after) = rest.split_at(found.map_or(rest.len(), |i| PIECE + i + 1));
+        let found = if rest.len() > PIECE { end(rest, PIECE) } else { None };
+        let (piece, after) = rest.split_at(found.unwrap_or(rest.len()));
         rest = after;
         (!piece.is_empty()).then_some(piece)
     })

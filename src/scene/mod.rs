@@ -6,6 +6,7 @@ mod daylight;
 mod fingerprint;
 mod instances;
 mod ior;
+mod lines;
 mod load;
 mod material;
 mod mitsuba;
@@ -14,6 +15,7 @@ mod obj;
 mod pending;
 mod place;
 mod ply;
+mod polygon;
 mod serialized;
 mod spectrum;
 

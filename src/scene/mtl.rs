@@ -16,7 +16,7 @@
 use super::material::{Material, Roughness};
 use super::pending::Pending;
 use super::place::{Placement, look_at, place};
-use super::{SceneDescription, obj};
+use super::{SceneDescription, lines, obj};
 use crate::bsdf::{Distribution, RoughCoating};
 use crate::camera::{Camera, Projection};
 use crate::film::{FilmSettings, Filter};
@@ -56,15 +56,20 @@ struct Mtl {
 pub(super) fn load(path: &Path, size: Option<(u32, u32)>) -> Result<SceneDescription> {
     let obj = obj::Obj::read(path, true)?;
     let mut library = HashMap::new();
-    for (name, line) in &obj.libraries {
-        let file = path.parent().unwrap_or(Path::new("")).join(name.replace('\\', "/"));
-        let text = std::fs::read(&file).map_err(|e| {
-            let message = format!("cannot read the material library '{name}': {e}");
-            Error::Scene { file: path.into(), line: *line, message }
-        })?;
-        parse(&String::from_utf8_lossy(&text), &file, &mut library)?;
+    for (names, line) in &obj.libraries {
+        let at_line = |message| Error::Scene { file: path.into(), line: *line, message };
+        for file in library_files(names, path.parent().unwrap_or(Path::new(""))) {
+            let text = std::fs::read(&file).map_err(|e| {
+                at_line(format!("cannot read the material library '{}': {e}", file.display()))
+            })?;
+            parse(&text, &file, &mut library)?;
+        }
     }
-    let mut builder = Builder::default();
+    if obj.is_empty() {
+        let message = "the file has no face of three or more corners: there is nothing to render";
+        return Err(Error::File { file: path.into(), message: message.into() });
+    }
+    let mut builder = Builder { warnings: obj.warning(path).into_iter().collect(), ..Builder::default() };
     let mut meshes = Vec::new();
     for (name, line, mesh) in obj.meshes() {
         let (mtl, file) = match library.get(&name) {
@@ -242,11 +247,32 @@ impl Builder {
     }
 }
 
+/// The files that a `mtllib` statement names: one whose name may hold spaces, or several. Each takes as few words
+/// as make the name of a file.
+fn library_files(names: &str, folder: &Path) -> Vec<PathBuf> {
+    let file = |name: &str| folder.join(name.replace('\\', "/"));
+    let mut files = Vec::new();
+    let mut rest = names;
+    while !rest.is_empty() {
+        let all = file(rest);
+        let ends = rest.match_indices(char::is_whitespace).map(|(end, _)| end);
+        let end =
+            if all.is_file() { None } else { ends.into_iter().find(|&end| file(&rest[..end]).is_file()) };
+        let (name, after) = rest.split_at(end.unwrap_or(rest.len()));
+        files.push(file(name));
+        rest = after.trim_start();
+    }
+    files
+}
+
 /// Adds the materials of a library; the file is kept for messages.
-fn parse(text: &str, file: &Path, library: &mut HashMap<String, (Mtl, PathBuf)>) -> Result<()> {
+fn parse(text: &[u8], file: &Path, library: &mut HashMap<String, (Mtl, PathBuf)>) -> Result<()> {
     let mut current: Option<String> = None;
-    for (i, line) in text.lines().enumerate() {
-        let number = i as u32 + 1;
+    let mut next = 1u32;
+    for (line, count) in lines::logical(text.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(text)) {
+        let number = next;
+        next = next.saturating_add(count);
+        let line = String::from_utf8_lossy(&line);
         let line = line.split('#').next().unwrap_or("").trim();
         let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         let rest = rest.trim();
@@ -429,6 +455,51 @@ mod tests {
                 }
                 Err(e) => panic!("{map} {value}: {e}"),
             }
+        }
+    }
+
+    #[test]
+    fn a_scene_needs_faces() {
+        for obj in ["", "f 1 2\n"] {
+            assert!(scene(obj, "").unwrap_err().to_string().contains("no face"));
+        }
+        let warnings = scene("f 1 2\nf 1 2 3\n", "newmtl light\nKe 1 1 1\n").unwrap().warnings;
+        assert!(warnings[0].contains("1 face has fewer than three corners"), "{warnings:?}");
+    }
+
+    #[test]
+    fn statements_may_name_several_libraries() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        for name in ["a.mtl", "b.mtl", "my", "my file.mtl"] {
+            fs::write(path(name), format!("\u{feff}newmtl {name}\nKd \\\n1 0 0\n")).unwrap();
+        }
+        fs::create_dir(path("d")).unwrap();
+        fs::write(path("d").join("c.mtl"), "").unwrap();
+        for (names, files) in [
+            ("a.mtl", vec!["a.mtl"]),
+            ("a.mtl  b.mtl\ta.mtl", vec!["a.mtl", "b.mtl", "a.mtl"]),
+            ("my file.mtl", vec!["my file.mtl"]),
+            ("a.mtl d\\c.mtl", vec!["a.mtl", "d/c.mtl"]),
+            ("none.mtl", vec!["none.mtl"]),
+            ("b.mtl none.mtl", vec!["b.mtl", "none.mtl"]),
+            ("", vec![]),
+        ] {
+            let files: Vec<_> = files.into_iter().map(path).collect();
+            assert_eq!(library_files(names, folder.path()), files, "{names}");
+        }
+        fs::remove_file(path("my")).unwrap();
+        let both = vec![path("a.mtl"), path("my file.mtl"), path("b.mtl")];
+        assert_eq!(library_files("a.mtl my file.mtl b.mtl", folder.path()), both);
+
+        let obj = "mtllib a.mtl my file.mtl\nmtllib b.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\n\
+                   usemtl a.mtl\nf 1 2 3\nusemtl b.mtl\nf 1 2 3\nusemtl my file.mtl\nf 1 2 3\n";
+        fs::write(path("a.obj"), obj).unwrap();
+        assert_eq!(load(&path("a.obj"), None).unwrap().materials.len(), 3);
+        fs::write(path("a.obj"), obj.replace("mtllib b.mtl", "mtllib b.mtl c.mtl")).unwrap();
+        match load(&path("a.obj"), None) {
+            Err(Error::Scene { line: 2, message, .. }) => assert!(message.contains("c.mtl"), "{message}"),
+            other => panic!("{other:?}"),
         }
     }
 

@@ -5,6 +5,8 @@
 //! have been before any line, so that indices can be resolved and checked where they stand.
 
 use super::blocks::{Blocks, pieces};
+use super::lines;
+use super::polygon::{Fans, Skipped};
 use crate::shape::Mesh;
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
@@ -19,8 +21,9 @@ pub(super) struct Obj {
     normals: Vec<Vec3>,
     uvs: Vec<Vec2>,
     groups: Vec<Group>,
-    /// (file name, line) of material libraries.
+    /// Names of material libraries, one or several, and their lines.
     pub libraries: Vec<(String, u32)>,
+    skipped: Skipped,
 }
 
 /// Triangles of one material.
@@ -28,7 +31,13 @@ pub(super) struct Obj {
 struct Group {
     material: String,
     line: u32,
+    faces: Faces,
+}
+
+#[derive(Debug, Default)]
+struct Faces {
     triangles: Vec<[Corner; 3]>,
+    fans: Fans,
 }
 
 /// Indices of position, texture coordinates and normal; [`NONE`] where there is none.
@@ -50,8 +59,9 @@ struct Piece {
     normals: Vec<Vec3>,
     uvs: Vec<Vec2>,
     /// By group, in the order of the lines.
-    triangles: Vec<(usize, Vec<[Corner; 3]>)>,
+    faces: Vec<(usize, Faces)>,
     libraries: Vec<(String, u32)>,
+    skipped: Skipped,
 }
 
 impl Obj {
@@ -63,36 +73,46 @@ impl Obj {
         let mut blocks = Blocks::open(path)?;
         let mut obj = Obj::default();
         let mut before = Before { group: obj.group("", 1), ..Before::default() };
-        let mut more = true;
+        let at_line = |(line, message)| Error::Scene { file: path.into(), line, message };
+        let mut more = blocks.more()?;
+        if blocks.bytes().starts_with(b"\xEF\xBB\xBF") {
+            blocks.consume(3);
+        }
         while more {
-            more = blocks.more()?;
-            let bytes = blocks.bytes();
-            let whole = match bytes.iter().rposition(|&b| b == b'\n') {
-                Some(newline) if more => newline + 1,
-                None if more => 0,
-                _ => bytes.len(),
-            };
-            obj.block(&bytes[..whole], flip_v, &mut before).map_err(|(line, message)| Error::Scene {
-                file: path.into(),
-                line,
-                message,
-            })?;
+            let whole = lines::whole(blocks.bytes());
+            obj.block(&blocks.bytes()[..whole], flip_v, &mut before).map_err(at_line)?;
             blocks.consume(whole);
+            more = blocks.more()?;
+        }
+        obj.block(blocks.bytes(), flip_v, &mut before).map_err(at_line)?;
+        let Obj { positions, groups, .. } = &mut obj;
+        for Group { faces, .. } in groups {
+            let position = |corner: Corner| positions.get(corner[0] as usize).copied();
+            faces.fans.fit(&mut faces.triangles, position);
         }
         Ok(obj)
+    }
+
+    /// What users are told of the file at `path`.
+    pub(super) fn warning(&self, path: &Path) -> Option<String> {
+        self.skipped.warning(path, "line")
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.groups.iter().all(|group| group.faces.triangles.is_empty())
     }
 
     fn group(&mut self, material: &str, line: u32) -> usize {
         if let Some(i) = self.groups.iter().position(|g| g.material == material) {
             return i;
         }
-        self.groups.push(Group { material: material.into(), line, triangles: Vec::new() });
+        self.groups.push(Group { material: material.into(), line, faces: Faces::default() });
         self.groups.len() - 1
     }
 
     /// Reads whole lines.
     fn block(&mut self, text: &[u8], flip_v: bool, before: &mut Before) -> Result<(), (u32, String)> {
-        let pieces: Vec<&[u8]> = pieces(text, b'\n').collect();
+        let pieces: Vec<&[u8]> = pieces(text, lines::end).collect();
         let looks: Vec<Look> = pieces.par_iter().map(|piece| Look::at(piece)).collect();
         let mut starts = Vec::with_capacity(pieces.len());
         for look in looks {
@@ -112,23 +132,26 @@ impl Obj {
             self.normals.extend(piece.normals);
             self.uvs.extend(piece.uvs);
             self.libraries.extend(piece.libraries);
-            for (group, triangles) in piece.triangles {
-                self.groups[group].triangles.extend(triangles);
+            for (group, Faces { triangles, fans }) in piece.faces {
+                let all = &mut self.groups[group].faces;
+                all.fans.append(fans, all.triangles.len());
+                all.triangles.extend(triangles);
             }
+            self.skipped.append(piece.skipped);
         }
         Ok(())
     }
 
     /// Everything as one mesh.
     pub(super) fn mesh(&self) -> Mesh {
-        self.build(&mut vec![NONE; self.positions.len()], self.groups.iter().flat_map(|g| &g.triangles))
+        self.build(&mut vec![NONE; self.positions.len()], self.groups.iter().flat_map(|g| &g.faces.triangles))
     }
 
     /// One mesh per material that is used: its name, the line of its first use, the mesh.
     pub(super) fn meshes(&self) -> Vec<(String, u32, Mesh)> {
         let mut first = vec![NONE; self.positions.len()];
-        let used = self.groups.iter().filter(|g| !g.triangles.is_empty());
-        used.map(|g| (g.material.clone(), g.line, self.build(&mut first, g.triangles.iter()))).collect()
+        let used = self.groups.iter().filter(|g| !g.faces.triangles.is_empty());
+        used.map(|g| (g.material.clone(), g.line, self.build(&mut first, g.faces.triangles.iter()))).collect()
     }
 
     /// One vertex for each different corner. `first` holds [`NONE`] for every position, before and after.
@@ -173,20 +196,21 @@ impl Obj {
 struct Look {
     lines: u32,
     counts: [usize; 3],
-    /// Names of materials, and how many lines into the piece.
+    /// Names of materials, and their lines counted from 1 in the piece.
     materials: Vec<(String, u32)>,
 }
 
 impl Look {
     fn at(text: &[u8]) -> Look {
         let mut look = Look::default();
-        for line in lines(text) {
-            look.lines += 1;
-            match keyword(line) {
+        for (line, count) in lines::logical(text) {
+            let number = look.lines + 1;
+            look.lines += count;
+            match keyword(&line) {
                 b"v" => look.counts[0] += 1,
                 b"vt" => look.counts[1] += 1,
                 b"vn" => look.counts[2] += 1,
-                b"usemtl" => look.materials.push((text_after(without_comment(line), b"usemtl"), look.lines)),
+                b"usemtl" => look.materials.push((text_after(without_comment(&line), b"usemtl"), number)),
                 _ => {}
             }
         }
@@ -201,15 +225,17 @@ impl Piece {
             positions: Vec::new(),
             normals: Vec::new(),
             uvs: Vec::new(),
-            triangles: vec![(before.group, Vec::new())],
+            faces: vec![(before.group, Faces::default())],
             libraries: Vec::new(),
+            skipped: Skipped::default(),
         };
         let mut groups = groups.iter();
-        for (line, number) in lines(text).zip(1u32..) {
-            let number = before.lines.saturating_add(number);
+        let mut number = before.lines.saturating_add(1);
+        for (line, count) in lines::logical(text) {
             piece
-                .line(line, number, flip_v, &before.counts, &mut groups)
+                .line(&line, number, flip_v, &before.counts, &mut groups)
                 .map_err(|message| (number, message))?;
+            number = number.saturating_add(count);
         }
         Ok(piece)
     }
@@ -236,9 +262,9 @@ impl Piece {
             Some(b"f") => {
                 let own = [self.positions.len(), self.uvs.len(), self.normals.len()];
                 let counts = [0, 1, 2].map(|i| before[i] + own[i]);
-                self.face(&mut tokens, &counts)?;
+                self.face(&mut tokens, number, &counts)?;
             }
-            Some(b"usemtl") => self.triangles.extend(groups.next().map(|&group| (group, Vec::new()))),
+            Some(b"usemtl") => self.faces.extend(groups.next().map(|&group| (group, Faces::default()))),
             Some(b"mtllib") => self.libraries.push((text_after(line, b"mtllib"), number)),
             // Object and smoothing groups, lines and points make no difference to surfaces.
             _ => {}
@@ -249,19 +275,26 @@ impl Piece {
     fn face<'a>(
         &mut self,
         tokens: &mut impl Iterator<Item = &'a [u8]>,
+        line: u32,
         counts: &[usize; 3],
     ) -> Result<(), String> {
-        let Some((_, triangles)) = self.triangles.last_mut() else { return Ok(()) };
-        let first = corner(tokens.next().ok_or("a face without vertices")?, counts)?;
-        let mut previous = corner(tokens.next().ok_or("a face with one vertex")?, counts)?;
-        let mut third = false;
-        // Polygons become fans.
-        for token in tokens {
-            let corner = corner(token, counts)?;
-            triangles.push([first, previous, corner]);
-            (previous, third) = (corner, true);
+        let Some((_, Faces { triangles, fans })) = self.faces.last_mut() else { return Ok(()) };
+        let start = triangles.len();
+        let mut corners = tokens.map(|token| corner(token, counts));
+        if let (Some(first), Some(second)) = (corners.next().transpose()?, corners.next().transpose()?) {
+            // Polygons are fans at first.
+            let mut previous = second;
+            for corner in corners {
+                let corner = corner?;
+                triangles.push([first, previous, corner]);
+                previous = corner;
+            }
         }
-        if third { Ok(()) } else { Err("a face with two vertices".into()) }
+        match triangles.len() - start {
+            0 => self.skipped.add(1, line as u64),
+            n => fans.push(start, n + 2, 1),
+        }
+        Ok(())
     }
 }
 
@@ -305,17 +338,6 @@ fn plain_corner(token: &[u8], counts: &[usize; 3]) -> Option<Corner> {
         }
     }
     Some(corner)
-}
-
-/// Lines, the last of which may lack its end.
-fn lines(text: &[u8]) -> impl Iterator<Item = &[u8]> {
-    let mut rest = text;
-    std::iter::from_fn(move || {
-        let end = memchr(b'\n', rest).map_or(rest.len(), |newline| newline + 1);
-        let (line, after) = rest.split_at(end);
-        rest = after;
-        (!line.is_empty()).then_some(line)
-    })
 }
 
 fn without_comment(line: &[u8]) -> &[u8] {
@@ -417,13 +439,13 @@ mod tests {
             ("v 0 0 0\nf 1 1 2\n", 2),
             ("v 0 0 0\nf 0 1 1\n", 2),
             ("v 0 0 0\nf -2 1 1\n", 2),
-            ("v 0 0 0\nf 1 1\n", 2),
+            ("v 0 0 0\nf 1 2\n", 2),
             ("v 0 0 0\nf 1 1 1/1\n", 2),
             ("v 0 0 0\nf 1 1 1/x\n", 2),
             ("v 0 0 0\nf 1 1 1/1/1/1\n", 2),
             ("v 0 0 0\nf 1 1 99999999999999999999\n", 2),
             ("vt\n", 1),
-            ("v 0 0 0\nf\n", 2),
+            ("v \\\n0 0 0\n\nf 1 1 \\\n 2\n", 4),
         ] {
             match read(text) {
                 Err(Error::Scene { line: found, .. }) => assert_eq!(found, line, "{text}"),
@@ -431,6 +453,45 @@ mod tests {
             }
         }
         assert!(matches!(Obj::read(Path::new("/nonexistent.obj"), true), Err(Error::File { .. })));
+    }
+
+    fn area(mesh: &Mesh) -> f32 {
+        (0..mesh.triangles.len() as u32).map(|i| 0.5 * mesh.area_vector(i).length()).sum()
+    }
+
+    #[test]
+    fn polygons_need_not_be_convex() {
+        let obj = read(
+            "v -1 -1 0\nv 0 0 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3 4\nusemtl a\nf 1 2 4\nf 4 3 2 1\nf 2 3 4\n\
+             f 2 3 4 1\nv 9 9 9\nusemtl b\nf 1 2 3 4\nf 1 2 4\nf -2 -5 -4 -3\n",
+        );
+        let areas: Vec<f32> = obj.unwrap().meshes().iter().map(|(_, _, mesh)| area(mesh)).collect();
+        assert_eq!(areas, [1.0, 3.0, 2.5]);
+    }
+
+    #[test]
+    fn statements_go_on_in_the_next_line() {
+        let obj = read(
+            "\u{feff}v 0 \\\n0 0\nv 1 0 0\r\nv 1 1 0\nv 0 \\\r\n1 0\n# C:\\\nvt 0 0\nusemtl a \\\n b\n\
+             mtllib a.mtl \\\nb.mtl\nf 1/1 2/1\\\n3/1 \\\n 4/1 \\\n\n",
+        );
+        let obj = obj.unwrap();
+        assert_eq!(obj.libraries, [("a.mtl  b.mtl".to_string(), 11)]);
+        let meshes = obj.meshes();
+        assert_eq!((meshes[0].0.as_str(), meshes[0].1), ("a   b", 9));
+        assert_eq!(meshes[0].2.triangles, [[0, 1, 2], [0, 2, 3]]);
+    }
+
+    #[test]
+    fn faces_without_a_surface_are_counted() {
+        let obj = read("v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\np 1\nf 1 2\nf 1 2 3\nf 1\nf\n").unwrap();
+        let warning = obj.warning(Path::new("a.obj")).unwrap();
+        assert!(warning.starts_with("a.obj: 3 faces have") && warning.contains("line 6"), "{warning}");
+        assert_eq!(obj.mesh().triangles.len(), 1);
+        assert!(!obj.is_empty());
+        let obj = read("v 0 0 0\nv 1 0 0\nf 1 2\n").unwrap();
+        assert!(obj.is_empty() && obj.warning(Path::new("a.obj")).unwrap().contains("1 face has"));
+        assert!(read("v 0 0 0\nf 1 1 1\n").unwrap().warning(Path::new("a.obj")).is_none());
     }
 
     /// Lines are shared by threads, which must know what stood before.
@@ -442,16 +503,16 @@ mod tests {
             if i % 7000 == 0 {
                 text += if i % 14000 == 0 { "usemtl b\n" } else { "usemtl a\n" };
             }
-            text += &format!("v {} 1 0\nvt .5 {i}\nf -3/{} {}/-1 -1/1\n", i + 2, i + 1, i + 2);
+            text += &format!("v {} 1 0\nvt .5 {i}\nf -3/{} {}/-1 \\\n -1/1\n", i + 2, i + 1, i + 2);
         }
         let obj = read(&text).unwrap();
         let count = |material: &str| {
             let group = obj.groups.iter().find(|g| g.material == material).unwrap();
-            (group.line, group.triangles.len())
+            (group.line, group.faces.triangles.len())
         };
         assert_eq!((count("a"), count("b")), ((3, 28_000), (4, 32_000)));
         for group in &obj.groups {
-            for t in &group.triangles {
+            for t in &group.faces.triangles {
                 let i = t[0][0];
                 assert_eq!(*t, [[i, i, NONE], [i + 1, i, NONE], [i + 2, 0, NONE]]);
             }

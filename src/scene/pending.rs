@@ -42,9 +42,9 @@ impl<T: Send> Pending<T> {
 }
 
 /// The values, or nothing and one more failure.
-pub(super) fn unless_failed<T>(made: Result<Vec<T>, Failure>, failures: &mut Vec<Failure>) -> Vec<T> {
+pub(super) fn unless_failed<T: Default>(made: Result<T, Failure>, failures: &mut Vec<Failure>) -> T {
     made.unwrap_or_else(|failure| {
         failures.push(failure);
-        Vec::new()
+        T::default()
     })
 }

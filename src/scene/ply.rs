@@ -1,15 +1,17 @@
-//! Stanford PLY meshes: ASCII and binary of either byte order, properties in any order, polygons.
+//! Stanford PLY meshes: ASCII and binary of either byte order, properties in any order, polygons, triangle strips,
+//! texture coordinates of vertices or (MeshLab) of faces' corners.
 //!
 //! A file is read block by block, and each block in parallel: records are laid out alike as long as their lists are of
 //! equal length, which they mostly are.
 
 use super::blocks::{Blocks, pieces};
+use super::polygon::{Fans, Skipped};
 use crate::image_io::srgb_to_linear;
 use crate::math::first_index;
 use crate::shape::{Attribute, Mesh};
 use crate::{Error, Result};
 use glam::{Vec2, Vec3};
-use memchr::memchr_iter;
+use memchr::{memchr, memchr_iter};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -33,23 +35,24 @@ pub(super) enum Colors {
     Srgb,
 }
 
-/// Reads a mesh.
+/// Reads a mesh, and what users are told of it.
 ///
 /// # Errors
 /// [`Error::File`] if it cannot be read or is cut off, [`Error::Scene`] with the line for mistakes in its header or in
 /// ASCII data.
-pub(super) fn read(path: &Path, options: &Options) -> Result<Mesh> {
+pub(super) fn read(path: &Path, options: &Options) -> Result<(Mesh, Option<String>)> {
     let mut blocks = Blocks::open(path)?;
     blocks.more()?;
     let at_line = |(line, message): (u32, String)| Error::Scene { file: path.into(), line, message };
     let header = Header::parse(blocks.bytes()).map_err(at_line)?;
     blocks.consume(header.length);
     let elements = &header.elements;
-    match header.format {
+    let (mesh, skipped) = match header.format {
         Format::Ascii => read_elements(elements, &mut Ascii::new(blocks, header.lines + 1), options),
         Format::LittleEndian => read_elements(elements, &mut Binary::<true>(blocks), options),
         Format::BigEndian => read_elements(elements, &mut Binary::<false>(blocks), options),
-    }
+    }?;
+    Ok((mesh, skipped.warning(path, "number")))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -321,7 +324,7 @@ impl Ascii {
 
     /// Parses the first `length` bytes of what has been read.
     fn parse(&mut self, length: usize) {
-        let pieces: Vec<&[u8]> = pieces(&self.blocks.bytes()[..length], b'\n').collect();
+        let pieces: Vec<&[u8]> = pieces(&self.blocks.bytes()[..length], line_end).collect();
         let newlines = |text: &&[u8]| memchr_iter(b'\n', text).count() as u32;
         let counts: Vec<u32> = pieces.par_iter().map(newlines).collect();
         let mut starts = Vec::with_capacity(pieces.len());
@@ -340,6 +343,11 @@ impl Ascii {
         }
         self.blocks.consume(length);
     }
+}
+
+/// Where the first line ends that ends at or after `from`.
+fn line_end(text: &[u8], from: usize) -> Option<usize> {
+    memchr(b'\n', &text[from..]).map(|i| from + i + 1)
 }
 
 impl Source for Ascii {
@@ -515,9 +523,14 @@ fn extend<T: Send>(to: &mut Vec<T>, count: usize, f: impl Fn(usize) -> T + Sync 
     }
 }
 
-fn read_elements<S: Source>(elements: &[Element], source: &mut S, options: &Options) -> Result<Mesh> {
+fn read_elements<S: Source>(
+    elements: &[Element],
+    source: &mut S,
+    options: &Options,
+) -> Result<(Mesh, Skipped)> {
     let mut mesh = Mesh::default();
-    let (mut vertices, mut faces) = (false, false);
+    let mut faces = Faces::default();
+    let mut seen: Vec<&str> = Vec::new();
     for element in elements {
         let least: usize = element.properties.iter().map(|p| S::size(p.list.unwrap_or(p.kind))).sum();
         if least == 0 {
@@ -532,25 +545,26 @@ fn read_elements<S: Source>(elements: &[Element], source: &mut S, options: &Opti
             return Err(source.error(0, message));
         }
         let expected = if most.is_some() { element.count as usize } else { 0 };
-        match element.name.as_str() {
-            "vertex" if !vertices => {
-                vertices = true;
-                read_vertices(element, source, options, expected, &mut mesh)?;
-            }
-            "face" if !faces => {
-                faces = true;
-                read_faces(element, source, options, expected, &mut mesh)?;
-            }
-            "vertex" | "face" => {
-                return Err(source.error(0, format!("the element '{}' comes twice", element.name)));
-            }
-            _ => for_each_run(source, element, |_, _, _| Ok(()))?,
+        let name = element.name.as_str();
+        if seen.contains(&name) {
+            return Err(source.error(0, format!("the element '{name}' comes twice")));
         }
+        match name {
+            "vertex" => read_vertices(element, source, options, expected, &mut mesh)?,
+            "face" => read_faces(element, source, options, expected, &mut mesh, &mut faces)?,
+            "tristrips" => read_strips(element, source, &mut mesh)?,
+            _ => {
+                for_each_run(source, element, |_, _, _| Ok(()))?;
+                continue;
+            }
+        }
+        seen.push(name);
     }
-    if !vertices || !faces {
+    if !seen.contains(&"vertex") || seen.len() < 2 {
         return Err(source.error(0, "the file holds no vertices or no faces: not a mesh".into()));
     }
-    Ok(mesh)
+    faces.finish(&mut mesh);
+    Ok((mesh, faces.skipped))
 }
 
 /// The properties of these names, if all are there and no lists.
@@ -711,53 +725,199 @@ fn add_attributes(mesh: &mut Mesh, groups: Vec<Group>, values: Vec<Vec<Vec3>>) {
     mesh.attributes.extend(named);
 }
 
+/// What faces are beyond triangles.
+#[derive(Default)]
+struct Faces {
+    fans: Fans,
+    skipped: Skipped,
+    /// Texture coordinates of triangles' corners, if any face has them.
+    uvs: Vec<[Vec2; 3]>,
+    has_uvs: bool,
+}
+
+/// A list of an element: its number among properties, and among lists.
+fn find_list(element: &Element, names: &[&str]) -> Option<(usize, usize)> {
+    let lists = element.properties.iter().enumerate().filter(|(_, p)| p.list.is_some()).zip(0..);
+    let mut found =
+        lists.filter(|((_, p), _)| names.contains(&p.name.as_str())).map(|((i, _), nth)| (i, nth));
+    found.next().filter(|_| found.next().is_none())
+}
+
+/// A list in records of one layout that follow each other.
+struct List<'a, S: Source> {
+    units: &'a [S::Unit],
+    record: usize,
+    field: Field,
+    length: usize,
+}
+
+impl<'a, S: Source> List<'a, S> {
+    fn new(layout: &Layout, units: &'a [S::Unit], (property, nth): (usize, usize)) -> Self {
+        let length = layout.counts[nth].1 as usize;
+        List { units, record: layout.size, field: layout.fields[property], length }
+    }
+
+    /// The unit where an item of a record's list is.
+    fn at(&self, record: usize, item: usize) -> usize {
+        record * self.record + self.field.offset + item * S::size(self.field.kind)
+    }
+
+    fn index(&self, record: usize, item: usize) -> u32 {
+        S::index(&self.units[self.at(record, item)..], self.field.kind)
+    }
+
+    fn value(&self, record: usize, item: usize) -> f64 {
+        S::value(&self.units[self.at(record, item)..], self.field.kind)
+    }
+}
+
+const INDICES: [&str; 2] = ["vertex_index", "vertex_indices"];
+
 fn read_faces<S: Source>(
     element: &Element,
     source: &mut S,
     options: &Options,
     expected: usize,
     mesh: &mut Mesh,
+    faces: &mut Faces,
 ) -> Result<()> {
-    let is_indices =
-        |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_index" | "vertex_indices");
-    let mut lists = element.properties.iter().enumerate().filter(|(_, p)| is_indices(p));
-    let (Some((list, property)), None) = (lists.next(), lists.next()) else {
+    let Some(list) = find_list(element, &INDICES) else {
         return Err(source.error(0, "the faces have no list 'vertex_indices'".into()));
     };
-    let nth = element.properties[..list].iter().filter(|p| p.list.is_some()).count();
-    let size = S::size(property.kind);
+    let uv_list = find_list(element, &["texcoord"]);
     // Each has three corners at least.
-    let most = source.left().unwrap_or(0) / (3 * size as u64);
+    let most = source.left().unwrap_or(0) / (3 * S::size(element.properties[list.0].kind) as u64);
     mesh.triangles.reserve_exact(expected.min(most as usize));
     let groups = groups(element, options);
     let mut attributes = vec![Vec::new(); groups.len()];
     for_each_run(source, element, |layout, units, first| {
-        let corners = layout.counts[nth].1 as usize;
+        let count = units.len() / layout.size;
+        let indices = List::<S>::new(layout, units, list);
+        let corners = indices.length;
         if corners < 3 {
-            return Err((layout.counts[nth].0.offset, format!("face {first} has {corners} vertices")));
+            faces.skipped.add(count, first);
+            return Ok(());
         }
-        let field = layout.fields[list];
-        let at = |face: usize, corner: usize| face * layout.size + field.offset + corner * size;
-        let index = |face, corner| S::index(&units[at(face, corner)..], field.kind);
         // Polygons become fans.
         let fan = corners - 2;
         let start = mesh.triangles.len();
-        extend(&mut mesh.triangles, units.len() / layout.size * fan, |i| {
+        extend(&mut mesh.triangles, count * fan, |i| {
             let (face, k) = (i / fan, i % fan);
-            [index(face, 0), index(face, k + 1), index(face, k + 2)]
+            [0, k + 1, k + 2].map(|corner| indices.index(face, corner))
         });
+        faces.fans.push(start, corners, count);
         for (group, values) in groups.iter().zip(&mut attributes) {
-            let faces = units.len() / layout.size;
-            extend(values, faces * fan, |i| group.of::<S>(layout, &units[i / fan * layout.size..]));
+            extend(values, count * fan, |i| group.of::<S>(layout, &units[i / fan * layout.size..]));
+        }
+        if let Some(uv_list) = uv_list {
+            let numbers = List::<S>::new(layout, units, uv_list);
+            let has_uvs = numbers.length > 0;
+            if has_uvs && numbers.length != 2 * corners {
+                let (n, wanted) = (numbers.length, 2 * corners);
+                let message =
+                    format!("face {first} has {n} numbers in 'texcoord': {corners} corners need {wanted}");
+                return Err((layout.counts[uv_list.1].0.offset, message));
+            }
+            faces.has_uvs |= has_uvs;
+            let uv = |face, corner| {
+                let [u, v] = [0, 1].map(|i| numbers.value(face, 2 * corner + i) as f32);
+                Vec2::new(u, if options.flip_v { 1.0 - v } else { v })
+            };
+            let of_corner = |face, corner| if has_uvs { uv(face, corner) } else { Vec2::ZERO };
+            extend(&mut faces.uvs, count * fan, |i| {
+                let (face, k) = (i / fan, i % fan);
+                [0, k + 1, k + 2].map(|corner| of_corner(face, corner))
+            });
         }
         let bad = first_index(&mesh.triangles[start..], |t| t.contains(&NONE));
         let Some(face) = bad.map(|i| i / fan) else { return Ok(()) };
-        let corner = (0..corners).find(|&k| index(face, k) == NONE).unwrap_or(0);
-        let value = S::value(&units[at(face, corner)..], field.kind);
-        Err((at(face, corner), format!("face {} names vertex {value}", first + face as u64)))
+        let corner = (0..corners).find(|&k| indices.index(face, k) == NONE).unwrap_or(0);
+        let value = indices.value(face, corner);
+        Err((indices.at(face, corner), format!("face {} names vertex {value}", first + face as u64)))
     })?;
     add_attributes(mesh, groups, attributes);
     Ok(())
+}
+
+/// Strips: each vertex makes a triangle with the two before it, every other one turned around; −1 ends a strip.
+fn read_strips<S: Source>(element: &Element, source: &mut S, mesh: &mut Mesh) -> Result<()> {
+    let Some(list) = find_list(element, &INDICES) else {
+        return Err(source.error(0, "the strips have no list 'vertex_indices'".into()));
+    };
+    for_each_run(source, element, |layout, units, first| {
+        let indices = List::<S>::new(layout, units, list);
+        for strip in 0..units.len() / layout.size {
+            let (mut a, mut b, mut before) = (NONE, NONE, 0);
+            for item in 0..indices.length {
+                let c = indices.index(strip, item);
+                if c == NONE {
+                    let value = indices.value(strip, item);
+                    if value != -1.0 && value != NONE as f64 {
+                        let message = format!("strip {} names vertex {value}", first + strip as u64);
+                        return Err((indices.at(strip, item), message));
+                    }
+                    before = 0;
+                    continue;
+                }
+                // Strips are joined by triangles that have one vertex twice.
+                if before >= 2 && a != b && b != c && c != a {
+                    mesh.triangles.push(if before % 2 == 0 { [a, b, c] } else { [b, a, c] });
+                }
+                (a, b, before) = (b, c, before + 1);
+            }
+        }
+        Ok(())
+    })
+}
+
+impl Faces {
+    fn finish(&mut self, mesh: &mut Mesh) {
+        let Mesh { positions, triangles, .. } = mesh;
+        let position = |vertex: u32| positions.get(vertex as usize).copied();
+        if !self.has_uvs {
+            return self.fans.fit(triangles, position);
+        }
+        // Strips have none.
+        self.uvs.resize(triangles.len(), [Vec2::ZERO; 3]);
+        let with_uvs = |(t, uvs): (&[u32; 3], &[Vec2; 3])| [0, 1, 2].map(|k| (t[k], uvs[k]));
+        let mut corners: Vec<_> = triangles.iter().zip(&self.uvs).map(with_uvs).collect();
+        self.fans.fit(&mut corners, |(vertex, _)| position(vertex));
+        give_uvs(mesh, &corners);
+    }
+}
+
+/// Gives corners, of vertices, texture coordinates: there is one vertex for each different pair.
+fn give_uvs(mesh: &mut Mesh, corners: &[[(u32, Vec2); 3]]) {
+    let count = mesh.positions.len();
+    if corners.iter().flatten().any(|(vertex, _)| *vertex as usize >= count) {
+        // An error: the mesh is refused when it is placed.
+        return;
+    }
+    let mut first = vec![NONE; count];
+    // Those of one vertex are chained: (vertex, texture coordinates, next).
+    let mut pairs: Vec<(u32, Vec2, u32)> = Vec::new();
+    for (triangle, corners) in mesh.triangles.iter_mut().zip(corners) {
+        *triangle = corners.map(|(vertex, uv)| {
+            let mut pair = first[vertex as usize];
+            while pair != NONE && pairs[pair as usize].1 != uv {
+                pair = pairs[pair as usize].2;
+            }
+            if pair == NONE {
+                pair = pairs.len() as u32;
+                pairs.push((vertex, uv, std::mem::replace(&mut first[vertex as usize], pair)));
+            }
+            pair
+        });
+    }
+    let of_pairs = |values: &mut Vec<Vec3>| {
+        if !values.is_empty() {
+            *values = pairs.iter().map(|(vertex, ..)| values[*vertex as usize]).collect();
+        }
+    };
+    of_pairs(&mut mesh.positions);
+    of_pairs(&mut mesh.normals);
+    mesh.attributes.iter_mut().filter(|a| a.of_vertices()).for_each(|a| of_pairs(&mut a.values));
+    mesh.uvs = pairs.iter().map(|(_, uv, _)| *uv).collect();
 }
 
 #[cfg(test)]
@@ -772,7 +932,7 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), bytes).unwrap();
         let attributes: Vec<_> = names.iter().map(|name| name.to_string()).collect();
-        read(file.path(), &Options { flip_v: false, colors, attributes: &attributes })
+        read(file.path(), &Options { flip_v: false, colors, attributes: &attributes }).map(|(mesh, _)| mesh)
     }
 
     const ASCII: &str = "ply\nformat ascii 1.0\ncomment c\nelement vertex 4\nproperty float t\nproperty float s\n\
@@ -909,6 +1069,174 @@ mod tests {
         assert!(read_bytes(quad.as_bytes()).unwrap().attributes.is_empty(), "nobody asked");
     }
 
+    /// Vertices, and elements with lists of indices (`int`) and perhaps of texture coordinates, in all three formats.
+    fn formats(vertices: &[&[f32]], elements: &[(&str, &[Vec<Vec<f32>>])]) -> [Vec<u8>; 3] {
+        ["ascii", "binary_little_endian", "binary_big_endian"].map(|format| {
+            let names = ["x", "y", "z", "u", "v"];
+            let mut header = format!("ply\nformat {format} 1.0\nelement vertex {}\n", vertices.len());
+            let of_vertex = names[..vertices[0].len()].iter();
+            header += &of_vertex.map(|name| format!("property float {name}\n")).collect::<String>();
+            let float = |value: f32| match format {
+                "ascii" => format!("{value} ").into_bytes(),
+                "binary_big_endian" => value.to_be_bytes().to_vec(),
+                _ => value.to_le_bytes().to_vec(),
+            };
+            let int = |value: f32| match format {
+                "ascii" => format!("{value} ").into_bytes(),
+                "binary_big_endian" => (value as i32).to_be_bytes().to_vec(),
+                _ => (value as i32).to_le_bytes().to_vec(),
+            };
+            let mut bytes: Vec<u8> = vertices.iter().copied().flatten().flat_map(|v| float(*v)).collect();
+            for (name, records) in elements {
+                header += &format!("element {name} {}\n", records.len());
+                header += "property list uchar int vertex_indices\n";
+                if records[0].len() > 1 {
+                    header += "property list uchar float texcoord\nproperty int texnumber\n";
+                }
+                for record in *records {
+                    for (i, list) in record.iter().enumerate() {
+                        let count = list.len();
+                        bytes.extend(if format == "ascii" {
+                            format!("{count} ").into_bytes()
+                        } else {
+                            vec![count as u8]
+                        });
+                        bytes.extend(list.iter().flat_map(|v| if i == 0 { int(*v) } else { float(*v) }));
+                        bytes.extend(if i == 0 { Vec::new() } else { int(7.0) });
+                    }
+                }
+            }
+            [format!("{header}end_header\n").into_bytes(), bytes].concat()
+        })
+    }
+
+    const SQUARE: [&[f32]; 5] =
+        [&[0.0, 0.0, 0.0], &[1.0, 0.0, 0.0], &[1.0, 1.0, 0.0], &[0.0, 1.0, 0.0], &[0.25, 0.25, 0.0]];
+
+    #[test]
+    fn polygons_need_not_be_convex() {
+        let faces = [
+            vec![vec![0., 1., 2.]],
+            vec![vec![1., 4., 3., 2.]],
+            vec![vec![0., 1., 4., 3.]],
+            vec![vec![1., 2., 3., 4.]],
+            vec![vec![0., 1.]],
+            vec![vec![3., 4., 1., 2.]],
+        ];
+        for bytes in formats(&SQUARE, &[("face", &faces)]) {
+            let mesh = read_bytes(&bytes).unwrap();
+            let areas: Vec<f32> = (0..9).map(|i| 0.5 * mesh.area_vector(i).z).collect();
+            assert!(areas.iter().skip(3).take(2).all(|a| *a > 0.0), "{areas:?}");
+            for (first, area) in [(1, -0.75), (3, 0.25), (5, 0.75), (7, 0.75)] {
+                assert!((areas[first] + areas[first + 1] - area).abs() < 1e-6, "{first}: {areas:?}");
+                assert!(areas[first] * areas[first + 1] > 0.0, "{first}: {areas:?}");
+            }
+            assert_eq!(mesh.triangles.len(), 9);
+        }
+    }
+
+    #[test]
+    fn faces_without_a_surface_are_counted() {
+        let faces = [vec![vec![0., 1., 2.]], vec![vec![0., 1.]], vec![vec![]], vec![vec![2.]]];
+        for bytes in formats(&SQUARE, &[("face", &faces)]) {
+            let file = tempfile::NamedTempFile::new().unwrap();
+            std::fs::write(file.path(), bytes).unwrap();
+            let options = Options { flip_v: false, colors: Colors::Linear, attributes: &[] };
+            let (mesh, warning) = read(file.path(), &options).unwrap();
+            assert_eq!(mesh.triangles, [[0, 1, 2]]);
+            let warning = warning.unwrap();
+            assert!(warning.contains("3 faces have") && warning.contains("number 1)"), "{warning}");
+        }
+    }
+
+    /// As MeshLab writes them: every corner has its own, also where polygons are cut anew.
+    #[test]
+    fn corners_have_texture_coordinates() {
+        let uv = |face: f32, vertex: f32| [face + vertex, 10.0 * vertex];
+        let face = |i: usize, vertices: &[f32]| {
+            vec![vertices.to_vec(), vertices.iter().flat_map(|v| uv(i as f32 / 2.0, *v)).collect()]
+        };
+        let mut faces = vec![
+            face(0, &[0., 1., 2.]),
+            face(1, &[0., 2., 3.]),
+            face(2, &[1., 4., 3., 2.]),
+            vec![vec![0., 1., 2.], vec![]],
+        ];
+        for bytes in formats(&SQUARE, &[("face", &faces)]) {
+            let mesh = read_bytes(&bytes).unwrap();
+            assert_eq!(mesh.triangles.len(), 5);
+            assert_eq!((mesh.positions.len(), mesh.uvs.len()), (12, 12));
+            for (i, face) in [0.0, 0.5, 1.0, 1.0].into_iter().enumerate() {
+                for corner in mesh.triangles[i].map(|v| v as usize) {
+                    let place = |p: &&[f32]| Vec3::from_slice(p) == mesh.positions[corner];
+                    let vertex = SQUARE.iter().position(place).unwrap();
+                    assert_eq!(mesh.uvs[corner], Vec2::from_array(uv(face, vertex as f32)));
+                }
+            }
+            assert!(mesh.triangles[4].iter().all(|&v| mesh.uvs[v as usize] == Vec2::ZERO));
+            assert!(mesh.area_vector(2).z < 0.0 && mesh.area_vector(3).z < 0.0);
+        }
+        // Too few, and what vertices have where no face has any.
+        faces[1][1].pop();
+        for bytes in formats(&SQUARE, &[("face", &faces)]) {
+            assert!(
+                read_bytes(&bytes).unwrap_err().to_string().contains("face 1 has 5 numbers in 'texcoord'")
+            );
+        }
+        let vertices: [&[f32]; 3] = [&[0., 0., 0., 0.5, 1.], &[1., 0., 0., 0., 0.], &[0., 1., 0., 0., 0.]];
+        for bytes in formats(&vertices, &[("face", &faces[3..])]) {
+            assert_eq!(read_bytes(&bytes).unwrap().uvs[0], Vec2::new(0.5, 1.0));
+        }
+        // The same at two corners of a vertex: one vertex.
+        let same = [
+            vec![vec![0., 1., 2.], vec![0., 1., 2., 3., 4., 5.]],
+            vec![vec![0., 2., 3.], vec![0., 1., 4., 5., 6., 7.]],
+        ];
+        let mesh = read_bytes(&formats(&SQUARE, &[("face", &same)])[1]).unwrap();
+        assert_eq!((mesh.triangles, mesh.uvs.len()), (vec![[0, 1, 2], [0, 2, 3]], 4));
+    }
+
+    #[test]
+    fn attributes_follow_their_corners() {
+        let text = "ply\nformat ascii 1.0\nelement face 2\nproperty list uchar int vertex_index\n\
+            property list uchar float texcoord\nproperty float r\nproperty float g\nproperty float b\n\
+            element vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float a_x\n\
+            property float nx\nproperty float ny\nproperty float nz\nend_header\n\
+            3 0 1 2 6 0 0 0 0 0 0 .1 .2 .3\n3 0 1 2 6 0 0 1 1 0 0 .4 .5 .6\n\
+            0 0 0 1 0 0 1\n1 0 0 2 0 1 0\n0 1 0 3 1 0 0\n";
+        let names = ["face_color", "vertex_a"];
+        let mesh = read_colors(text.as_bytes(), Colors::Linear, &names).unwrap();
+        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 3, 2]]);
+        assert_eq!(mesh.normals, [Vec3::Z, Vec3::Y, Vec3::X, Vec3::Y]);
+        let x = |name: &str| mesh.attribute(name).unwrap().values.iter().map(|v| v.x).collect::<Vec<_>>();
+        assert_eq!((x("face_color"), x("vertex_a")), (vec![0.1, 0.4], vec![1.0, 2.0, 3.0, 2.0]));
+        // A vertex that is not there is told when the mesh is placed.
+        let text = text.replace("3 0 1 2 6 0 0 1", "3 0 1 9 6 0 0 1");
+        assert_eq!(read_bytes(text.as_bytes()).unwrap().triangles[1][2], 9);
+    }
+
+    #[test]
+    fn strips_alternate_and_begin_anew() {
+        let strips = [
+            vec![vec![0., 1., 3., 2., -1., 3., 2., 1., -1., -1., 0., 1.]],
+            vec![vec![0., 1., 4., 4., 3., 2.]],
+        ];
+        let triangles = [[0, 1, 3], [3, 1, 2], [3, 2, 1], [0, 1, 4], [3, 4, 2]];
+        for bytes in formats(&SQUARE, &[("tristrips", &strips)]) {
+            assert_eq!(read_bytes(&bytes).unwrap().triangles, triangles);
+        }
+        let faces = [vec![vec![0., 1., 2.]]];
+        for bytes in formats(&SQUARE, &[("face", &faces), ("tristrips", &strips[..1])]) {
+            assert_eq!(read_bytes(&bytes).unwrap().triangles, [[0, 1, 2], [0, 1, 3], [3, 1, 2], [3, 2, 1]]);
+        }
+        for bytes in formats(&SQUARE, &[("tristrips", &[vec![vec![0., 1., -2.]]])]) {
+            assert!(read_bytes(&bytes).unwrap_err().to_string().contains("strip 0 names vertex -2"));
+        }
+        let [ascii, ..] = formats(&SQUARE, &[("tristrips", &strips)]);
+        let unsigned = String::from_utf8(ascii).unwrap().replace("int", "uint").replace("-1", "4294967295");
+        assert_eq!(read_bytes(unsigned.as_bytes()).unwrap().triangles, triangles);
+    }
+
     #[test]
     fn every_truncation_is_an_error() {
         for bytes in [ASCII.trim_end().as_bytes().to_vec(), binary(true), binary(false)] {
@@ -935,7 +1263,6 @@ mod tests {
             ("property float t", "property real t", 5),
             ("property float t", "property", 5),
             ("9 4 0", "9 4 -1", 22),
-            ("9 4 0", "9 2 0", 22),
             ("9 4 0", "9 x 0", 22),
             (".3 .4 6", ".3 .4 nan", 20),
         ] {

@@ -138,7 +138,7 @@ pub(super) fn load(
         || rayon::join(|| Pending::all(loader.textures), || Pending::all(loader.lights)),
     );
     let mut failures = Vec::new();
-    let shapes = unless_failed(shapes, &mut failures);
+    let (shapes, mesh_warnings) = unless_failed(shapes, &mut failures);
     let textures = unless_failed(textures, &mut failures);
     let lights = unless_failed(lights, &mut failures);
     if let Some((_, error)) = failures.into_iter().min_by_key(|failure| failure.0) {
@@ -181,7 +181,7 @@ pub(super) fn load(
         sample_count,
         integrator,
         integrator_params,
-        warnings: tree.take_warnings(),
+        warnings: tree.take_warnings().into_iter().chain(mesh_warnings).collect(),
     })
 }
 

@@ -40,8 +40,8 @@ struct MeshFile {
 }
 
 /// Reads all mesh files, each once, and keeps the attributes of these names. The first error in scene order counts,
-/// whatever thread finds it.
-pub(super) fn build(jobs: Vec<Job>, attributes: &[String]) -> Result<Vec<Shape>, Failure> {
+/// whatever thread finds it. Warnings come with the shapes.
+pub(super) fn build(jobs: Vec<Job>, attributes: &[String]) -> Result<(Vec<Shape>, Vec<String>), Failure> {
     let mut shapes: Vec<Option<Shape>> = Vec::with_capacity(jobs.len());
     let mut files: Vec<MeshFile> = Vec::new();
     let mut file_of = HashMap::new();
@@ -62,45 +62,55 @@ pub(super) fn build(jobs: Vec<Job>, attributes: &[String]) -> Result<Vec<Shape>,
     }
     let made: Vec<_> = files.into_par_iter().map(|file| file.shapes(attributes)).collect();
     let mut first: Option<Failure> = None;
+    let mut warnings = Vec::new();
     for made in made {
         match made {
-            Ok(placed) => placed.into_iter().for_each(|(index, shape)| shapes[index] = Some(shape)),
+            Ok((placed, warning)) => {
+                placed.into_iter().for_each(|(index, shape)| shapes[index] = Some(shape));
+                warnings.extend(warning);
+            }
             Err(failure) if first.as_ref().is_none_or(|(place, _)| failure.0 < *place) => {
                 first = Some(failure)
             }
             Err(_) => {}
         }
     }
-    first.map_or_else(|| Ok(shapes.into_iter().flatten().collect()), Err)
+    first.map_or_else(|| Ok((shapes.into_iter().flatten().collect(), warnings)), Err)
 }
 
+/// A file's shapes, with their indices, and what users are told of it.
+type Placed = (Vec<(usize, Shape)>, Option<String>);
+
 impl MeshFile {
-    /// All its shapes, with their indices.
-    fn shapes(mut self, attributes: &[String]) -> Result<Vec<(usize, Shape)>, Failure> {
-        let Some(last) = self.uses.pop() else { return Ok(Vec::new()) };
+    fn shapes(mut self, attributes: &[String]) -> Result<Placed, Failure> {
+        let Some(last) = self.uses.pop() else { return Ok((Vec::new(), None)) };
         let first = self.uses.first().map_or(last.1, |u| u.1);
-        let mesh = self.read(attributes).map_err(|error| (first, error))?;
+        let (mesh, warning) = self.read(attributes).map_err(|error| (first, error))?;
         let placed = |mesh, (index, at, placement): &(usize, u32, Placement)| match place(mesh, placement) {
             Ok(mesh) => Ok((*index, Shape::Mesh(mesh))),
             Err(message) => Err((*at, Error::File { file: self.path.clone(), message })),
         };
         let copies: Vec<_> = self.uses.par_iter().map(|u| placed(mesh.clone(), u)).collect();
         // The last one needs no copy.
-        copies.into_iter().chain([placed(mesh, &last)]).collect()
+        let all: Result<Vec<_>, Failure> = copies.into_iter().chain([placed(mesh, &last)]).collect();
+        Ok((all?, warning))
     }
 
-    fn read(&self, attributes: &[String]) -> Result<Mesh> {
-        let mesh = match self.format {
-            Format::Obj { flip_v } => obj::Obj::read(&self.path, flip_v)?.mesh(),
+    fn read(&self, attributes: &[String]) -> Result<(Mesh, Option<String>)> {
+        let (mesh, warning) = match self.format {
+            Format::Obj { flip_v } => {
+                let obj = obj::Obj::read(&self.path, flip_v)?;
+                (obj.mesh(), obj.warning(&self.path))
+            }
             Format::Ply { flip_v, colors } => {
                 ply::read(&self.path, &ply::Options { flip_v, colors, attributes })?
             }
-            Format::Serialized { index } => serialized::read(&self.path, index, attributes)?,
+            Format::Serialized { index } => (serialized::read(&self.path, index, attributes)?, None),
         };
         if mesh.triangles.is_empty() {
             return Err(Error::File { file: self.path.clone(), message: "the mesh has no triangles".into() });
         }
-        Ok(mesh)
+        Ok((mesh, warning))
     }
 }
 
@@ -333,4 +343,27 @@ fn tube(cylinder: &Cylinder) -> Mesh {
     }
     mesh.triangles = (0..SIDES).map(|i| 2 * i).flat_map(|i| [[i, i + 2, i + 3], [i, i + 3, i + 1]]).collect();
     mesh
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn faces_without_a_surface_are_told_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.obj");
+        let placement = Placement::IDENTITY;
+        let job =
+            |place| Job::File { place, format: Format::Obj { flip_v: true }, path: path.clone(), placement };
+        fs::write(&path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\nf 1 2 3\n").unwrap();
+        let (shapes, warnings) = build(vec![job(0), job(1)], &[]).unwrap();
+        assert_eq!((shapes.len(), warnings.len()), (2, 1));
+        assert!(warnings[0].contains("1 face has fewer than three corners"), "{warnings:?}");
+        fs::write(&path, "v 0 0 0\nv 1 0 0\nf 1 2\n").unwrap();
+        let (place, error) = build(vec![job(3), job(5)], &[]).unwrap_err();
+        assert_eq!(place, 3);
+        assert!(error.to_string().contains("the mesh has no triangles"), "{error}");
+    }
 }
