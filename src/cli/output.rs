@@ -4,7 +4,7 @@ use super::args::{ImageArgs, Verbosity};
 use super::info;
 use caustica::film::RelativeError;
 use caustica::image_io::{self, Channels, Layer, Metadata, SampleType};
-use caustica::integrator::{PhotonCounts, Rendering, Skipped, State, Statistics};
+use caustica::integrator::{PhotonCounts, Rendering, Skipped, State, Statistics, Survey};
 use caustica::{Error, Result};
 use serde::Serialize;
 use std::path::Path;
@@ -95,6 +95,9 @@ pub(super) struct Stats<'a> {
     rays_per_second: f64,
     photons: PhotonCounts,
     skipped: &'a [Skipped],
+    /// Gives `lights`, `lights_left_out`, `casters`, `casters_left_out`.
+    #[serde(flatten)]
+    survey: &'a Survey,
     estimated_relative_error: f64,
     estimated_noise: f64,
     estimated_bias: f64,
@@ -125,7 +128,7 @@ pub(super) struct Run {
 
 impl<'a> Stats<'a> {
     pub(super) fn new(origin: &'a Origin, run: &Run, state: &'a State, rendering: &Rendering) -> Stats<'a> {
-        let Statistics { seconds, rays, photons, skipped } = &state.statistics;
+        let Statistics { seconds, rays, photons, skipped, survey } = &state.statistics;
         let (load, build) = run.seconds;
         Stats {
             version: env!("CARGO_PKG_VERSION"),
@@ -151,6 +154,7 @@ impl<'a> Stats<'a> {
             rays_per_second: *rays as f64 / seconds.rendering.max(1e-9),
             photons: *photons,
             skipped,
+            survey,
             estimated_relative_error: rendering.error.total(),
             estimated_noise: rendering.error.noise,
             estimated_bias: rendering.error.bias,
