@@ -19,7 +19,7 @@ const MIN_PHOTONS: usize = 48;
 const PRIOR: f32 = 2.0;
 /// Parts of each axis that are told apart when one is chosen. More than two: a half may look like the other one.
 const PARTS: usize = 8;
-/// By how much the parts must differ: their relative entropy, times the node's share of all flux.
+/// By how much the parts must differ beyond chance: their relative entropy, times the node's share of all worth.
 const MIN_GAIN: f32 = 2e-4;
 
 /// A density over the random numbers of emission.
@@ -112,7 +112,7 @@ impl Guide {
 
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// Divides a node as long as that is worth while; returns its mass, ∫ flux over its volume.
+/// Divides a node as long as that is worth while; returns its mass, ∫ worth over its volume.
 fn grow(
     pilots: &mut [Pilot],
     nodes: &mut Vec<Node>,
@@ -127,7 +127,11 @@ fn grow(
     if pilots.len() < MIN_PHOTONS {
         return masses[node];
     }
-    let gains: [f32; AXES] = std::array::from_fn(|a| gain(pilots, a, low[a], size[a]));
+    // What parts differ by for chance alone: χ² of so many parts, over twice the number of photons that are worth as much.
+    let (sum, squares) =
+        pilots.iter().fold((0.0f32, 0.0f32), |(sum, sq), p| (sum + p.worth, sq + p.worth * p.worth));
+    let doubt = if sum > 0.0 { 0.5 * (PARTS - 1) as f32 * squares / (sum * sum) } else { 0.0 };
+    let gains: [f32; AXES] = std::array::from_fn(|a| gain(pilots, a, low[a], size[a]) - doubt);
     let axis = (0..AXES).max_by(|&a, &b| gains[a].total_cmp(&gains[b])).unwrap_or(0);
     if gains[axis] * masses[node] < MIN_GAIN * masses[0] {
         return masses[node];
@@ -155,16 +159,18 @@ fn grow(
     masses[node]
 }
 
-/// Mean flux over a node's volume, if as many as [`PRIOR`] more photons had brought the mean of the node `around` it:
-/// where none of a few photons was useful, the next one may be, and would be blinding if it were thought impossible.
+/// Root mean square of what photons of a node are worth, if as many as [`PRIOR`] more had brought what those of the node
+/// `around` it do: where none of a few photons was useful, the next one may be, and would be blinding if it were thought
+/// impossible. The square, for in proportion to it the density leaves the least variance, also where few are worth much.
 fn mean(pilots: &[Pilot], around: f32) -> f32 {
-    let (flux, weight) =
-        pilots.iter().fold((0.0, 0.0), |(flux, weight), p| (flux + p.worth, weight + p.weight));
+    let (squares, weight) = pilots.iter().fold((0.0, 0.0), |(squares, weight), p| {
+        (squares + p.worth * (p.worth / p.weight), weight + p.weight)
+    });
     let n = pilots.len() as f32;
-    if weight > 0.0 { (n * flux / weight + PRIOR * around) / (n + PRIOR) } else { around }
+    if weight > 0.0 { (n * (squares / weight).sqrt() + PRIOR * around) / (n + PRIOR) } else { around }
 }
 
-/// Relative entropy of the flux over equal parts of an axis.
+/// Relative entropy of the worth over equal parts of an axis.
 fn gain(pilots: &[Pilot], axis: usize, low: f32, size: f32) -> f32 {
     let mut parts = [(0.0f32, 0.0f32); PARTS];
     for p in pilots {

@@ -112,12 +112,14 @@ impl Places {
 
     /// How much of the flux of a photon that has landed at `p`, on a surface with normal `n_g`, from `wi` shows.
     fn shown(&self, scene: &Scene, p: Vec3, n_g: Vec3, wi: Vec3, heap: &mut KnnHeap) -> f32 {
+        // By the photon's own normal: light that grazes a round shell from outside does not shine in.
+        let side = n_g * n_g.dot(wi);
         self.tree.nearest_filtered(p, self.r_max, heap, |slot, d2| {
             let point = &self.points[slot as usize];
             d2 <= point.reach2
                 && near_plane(n_g, point.p - p, d2)
                 && n_g.dot(point.n_g) > 0.7
-                && point.side.dot(wi) >= 0.0
+                && point.side.dot(side) >= 0.0
         });
         let Some((nearest, d2)) = heap.iter().min_by(|a, b| a.1.total_cmp(&b.1)) else { return 0.0 };
         let points = || heap.iter().map(|(slot, _)| &self.points[slot as usize]);
@@ -192,10 +194,11 @@ impl Importance {
         luminance(photon.flux) * density
     }
 
-    /// Whether the camera looks where `photon` has landed.
-    pub(super) fn sees(&self, scene: &Scene, photon: &Packed, heap: &mut KnnHeap) -> bool {
+    /// Whether the camera looks where `photon` has landed, straight from its light: what it shows there is sampled from the
+    /// light, if it is not taken from the map.
+    pub(super) fn sees_direct(&self, scene: &Scene, photon: &Packed, heap: &mut KnnHeap) -> bool {
         let photon = photon.unpack();
-        self.seen.shown(scene, photon.p, photon.n_g, photon.wi, heap) > 0.0
+        photon.depth == 1 && self.seen.shown(scene, photon.p, photon.n_g, photon.wi, heap) > 0.0
     }
 
     /// Counts what shows relative to what the pixel shows anyway, as far as `photons` tell, whose flux is `count` times

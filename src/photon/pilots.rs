@@ -10,10 +10,22 @@ use crate::math::{Sampler, Stream, luminance};
 use crate::scene::Scene;
 use rayon::prelude::*;
 
-/// Rounds of photons sent ahead; each draws by what the one before has learnt, and sends twice as many.
-const ROUNDS: u64 = 3;
-/// The first one's: one of so many of a pass, but no fewer nor more than that.
-const FIRST: (u64, [u64; 2]) = (4, [1 << 12, 1 << 13]);
+/// How many photons are sent ahead for one map: in rounds, each of which draws by what the one before has learnt, and sends
+/// twice as many.
+struct Rounds {
+    most: u64,
+    /// The first one's: one of so many of a pass.
+    first: u64,
+    /// But no fewer nor more than that.
+    range: [u64; 2],
+    /// The share of photons that is seen with which there is not enough left to learn.
+    enough: f64,
+}
+
+/// Fewer than a pass emits. Where most photons show anyway, there is nothing to learn.
+const ALL: Rounds = Rounds { most: 4, first: 16, range: [1 << 10, 1 << 13], enough: 0.5 };
+/// Caustics want to be known precisely.
+const CAUSTICS: Rounds = Rounds { most: 3, first: 4, range: [1 << 12, 1 << 13], enough: 1.0 };
 /// The share of photons that are emitted as if nothing had been learnt, for the caustic map and for all light.
 const UNIFORM: [f32; 2] = [0.05, 0.2];
 /// How much of what a caustic photon is worth the camera decides; the rest is for what it may have overlooked.
@@ -94,8 +106,8 @@ impl Sent {
         }
         let show = |photon| importance.shown(scene, photon, emission.store, heap);
         sent.shown = finite(traced.photons.iter().map(show).sum());
-        sent.seen =
-            sent.shown > 0.0 || traced.photons.iter().any(|photon| importance.sees(scene, photon, heap));
+        sent.seen = sent.shown > 0.0
+            || traced.photons.iter().any(|photon| importance.sees_direct(scene, photon, heap));
         (sent.met, sent.photons) = (traced.met, traced.photons);
         sent
     }
@@ -108,20 +120,21 @@ impl Learnt {
     /// Photons of all light also tell `importance` how bright the picture is.
     pub fn new(scene: &Scene, importance: &mut Importance, emission: &Emission) -> Learnt {
         let store = emission.store;
-        let (share, [fewest, most]) = FIRST;
-        let first = (emission.count / share).clamp(fewest, most);
+        let rounds = if store == Store::Caustic { CAUSTICS } else { ALL };
+        let first = (emission.count / rounds.first).clamp(rounds.range[0], rounds.range[1]);
         let targets = match store {
             Store::Caustic => None,
             _ => scene.targets.learnt(&importance.positions(), scene.bounds),
         };
-        let mut guide = Some(Guide::even(targets.clone()));
+        // Where to aim is known before the first photon.
+        let mut guide = targets.clone().map(|targets| Guide::even(Some(targets)));
         let mut learnt = Learnt {
-            guide: None,
+            guide: guide.clone(),
             lights: vec![Tally::default(); scene.lights.lights().len()],
             casters: vec![Tally::default(); scene.geometry.shapes.len()],
         };
         let uniform = UNIFORM[usize::from(store != Store::Caustic)];
-        for round in 0..ROUNDS {
+        for round in 0..rounds.most {
             let emission = Emission {
                 guide: guide.as_ref(),
                 watched: true,
@@ -130,19 +143,26 @@ impl Learnt {
             let mut sent = send(scene, importance, &emission, round);
             learnt.count(scene, store, &sent);
             let found = Guide::of(&mut pilots(&sent, store), uniform, targets.clone());
-            if store != Store::Caustic && round + 1 < ROUNDS {
+            if store != Store::Caustic {
                 let photons = sent.iter_mut().flat_map(|sent| std::mem::take(&mut sent.photons)).collect();
                 importance.balance(photons, emission.count);
+            }
+            let is_enough = sent.iter().filter(|s| s.seen).count() as f64 > rounds.enough * sent.len() as f64;
+            if is_enough && round == 0 {
+                break;
             }
             if found.is_some() || store == Store::Caustic {
                 learnt.guide = found;
                 guide = learnt.guide.clone();
             }
+            if is_enough {
+                break;
+            }
         }
         let is_cut_short = |tally: &Tally| tally.landed > 0 && tally.seen == 0;
         if emission.max_depth < u32::from(u8::MAX) && learnt.lights.iter().any(is_cut_short) {
             let emission = Emission { watched: true, ..Emission::new(store, first, u32::MAX) };
-            for sent in send(scene, importance, &emission, ROUNDS) {
+            for sent in send(scene, importance, &emission, rounds.most) {
                 if let Some(light) = sent.light {
                     learnt.lights[light as usize].deeper += u64::from(sent.seen);
                 }
