@@ -6,16 +6,16 @@ use caustica::light::Targets;
 use caustica::math::{Ray, Sampler, Stream};
 use caustica::photon::{Emission, Guide, Splatter, Start, Store, trace};
 use caustica::scene::Scene;
-use common::{backends, load, mean_and_error, parse, shared};
+use common::{backends, learn, load, mean_and_error, parse, shared};
 
 /// The share of emitted caustic photons whose first hit is sharp.
 fn share(scene: &Scene) -> f64 {
-    let guide = Guide::learn(scene, 1 << 14, 8);
+    let guide = learn(scene, Store::Caustic, 1 << 14, 8);
     const N: u64 = 1 << 16;
     let aimed = (0..N).filter(|&index| {
         let mut sampler = Sampler::new(1, Stream::CausticPhotons, 0, index);
         let (at, _) = Start::draw(&mut sampler, guide.as_ref());
-        let start = at.emit(scene, Store::Caustic);
+        let start = at.emit(scene, &scene.casters);
         let hit = start.and_then(|start| scene.intersect(&Ray::new(start.o, start.d)));
         hit.is_some_and(|hit| scene.material(hit.shape).lobes().sharp)
     });
@@ -158,7 +158,7 @@ fn aiming_does_not_change_the_mean() {
     ];
     for light in lights {
         let mut scene = room(light);
-        let guide = Guide::learn(&scene, 1 << 14, 8);
+        let guide = learn(&scene, Store::Caustic, 1 << 14, 8);
         assert!(guide.is_some());
         let passes = |scene: &Scene, guide: Option<&Guide>, count| {
             (0..24).map(|pass| brought(scene, guide, pass, count)).collect::<Vec<_>>()

@@ -5,7 +5,7 @@ mod common;
 use caustica::math::{Sampler, Stream};
 use caustica::photon::{Emission, Guide, Splatter, Start, Store, trace};
 use caustica::scene::Scene;
-use common::{backends, mean_and_error, parse};
+use common::{backends, learn, mean_and_error, parse};
 
 const SIZE: u32 = 32;
 
@@ -56,12 +56,12 @@ fn caustic(scene: &Scene, guide: Option<&Guide>, count: u64, pass: u32) -> Vec<f
 #[test]
 fn visible_caustics_get_the_photons() {
     let scene = rooms();
-    let guide = Guide::learn(&scene, 1 << 14, 16);
+    let guide = learn(&scene, Store::Caustic, 1 << 14, 16);
     let of_light = |light: u32| {
         let drawn = |index| {
             let mut sampler = Sampler::new(1, Stream::CausticPhotons, 0, index);
             let (at, weight) = Start::draw(&mut sampler, guide.as_ref());
-            at.emit(&scene, Store::Caustic).filter(|start| start.light == light).map(|_| weight)
+            at.emit(&scene, &scene.casters).filter(|start| start.light == light).map(|_| weight)
         };
         (0..1 << 14).filter_map(drawn).count() as f64 / f64::from(1 << 14)
     };
@@ -89,7 +89,7 @@ fn visible_caustics_get_the_photons() {
 fn sharing_is_unbiased() {
     const T: f64 = 3.515;
     let scene = rooms();
-    let guide = Guide::learn(&scene, 1 << 14, 16);
+    let guide = learn(&scene, Store::Caustic, 1 << 14, 16);
     let mean = |guide: Option<&Guide>, count| {
         let totals: Vec<f64> = (0..24).map(|pass| caustic(&scene, guide, count, pass).iter().sum()).collect();
         mean_and_error(&totals)

@@ -4,7 +4,7 @@ use super::args::{ImageArgs, Verbosity};
 use super::info;
 use caustica::film::RelativeError;
 use caustica::image_io::{self, Channels, Layer, Metadata, SampleType};
-use caustica::integrator::{PhotonCounts, Rendering, Skipped, State, Statistics};
+use caustica::integrator::{PhotonCounts, Rendering, Skipped, State, Statistics, Survey};
 use caustica::{Error, Result};
 use serde::Serialize;
 use std::path::Path;
@@ -96,6 +96,9 @@ pub(super) struct Stats<'a> {
     photons: PhotonCounts,
     skipped: &'a [Skipped],
     dropped_samples: u64,
+    /// Gives `lights`, `lights_left_out`, `casters`, `casters_left_out`.
+    #[serde(flatten)]
+    survey: &'a Survey,
     estimated_relative_error: f64,
     estimated_noise: f64,
     estimated_bias: f64,
@@ -126,7 +129,7 @@ pub(super) struct Run {
 
 impl<'a> Stats<'a> {
     pub(super) fn new(origin: &'a Origin, run: &Run, state: &'a State, rendering: &Rendering) -> Stats<'a> {
-        let Statistics { seconds, rays, photons, skipped, dropped } = &state.statistics;
+        let Statistics { seconds, rays, photons, skipped, dropped, survey } = &state.statistics;
         let (load, build) = run.seconds;
         Stats {
             version: env!("CARGO_PKG_VERSION"),
@@ -153,6 +156,7 @@ impl<'a> Stats<'a> {
             photons: *photons,
             skipped,
             dropped_samples: *dropped,
+            survey,
             estimated_relative_error: rendering.error.total(),
             estimated_noise: rendering.error.noise,
             estimated_bias: rendering.error.bias,

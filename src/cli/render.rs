@@ -154,7 +154,11 @@ fn trace(
     }
     bar.enable_steady_tick(Duration::from_millis(500));
     let mut first = None;
+    let mut is_told = false;
     state.render(&prepared.scene, &prepared.options, &mut |progress, state| {
+        if !std::mem::replace(&mut is_told, true) {
+            bar.suspend(|| state.statistics.survey.lines().iter().for_each(|line| verbosity.detail(line)));
+        }
         bar.set_position((progress.fraction.clamp(0.0, 1.0) * STEPS as f64) as u64);
         let error = progress.error.map_or(String::new(), |e| format!(", {}", error_text(&e)));
         let left = time_left(first.get_or_insert(*progress), progress)

@@ -64,10 +64,11 @@ fn sites(plan: &Plan, k: f32, stored: u64) -> Option<u64> {
 /// The photon passes of one pass.
 fn photon_passes<'a>(params: &Params, plan: &'a Plan, splatter: Option<&'a Splatter>) -> [Emission<'a>; 2] {
     let longest = params.longest_flight();
+    let global = Emission::new(Store::All, plan.global_photons, longest);
     let caustic = Emission::new(Store::Caustic, plan.caustic_photons, longest);
     [
-        Emission::new(Store::All, plan.global_photons, longest),
-        Emission { guide: plan.guide.as_ref(), splatter, ..caustic },
+        Emission { guide: plan.global_guide.as_ref(), ..global },
+        Emission { guide: plan.caustic_guide.as_ref(), splatter, ..caustic },
     ]
 }
 
@@ -109,7 +110,11 @@ impl Maps {
                 let start = Instant::now();
                 let k = global_estimator.effective_k();
                 let count = sites(plan, k, global.len() as u64)?;
-                let emission = Emission::new(Store::Sites, count, params.longest_flight());
+                // Where photons go that show, gather rays look for them.
+                let emission = Emission {
+                    guide: plan.global_guide.as_ref(),
+                    ..Emission::new(Store::Sites, count, params.longest_flight())
+                };
                 let traced = trace(scene, seed, pass, &emission);
                 stats.rays += traced.rays;
                 // Most gather rays are their path's second segment.

@@ -9,10 +9,12 @@ mod parts;
 mod path;
 mod plan;
 mod state;
+mod survey;
 
 pub use params::{DirectLight, Params};
 pub use parts::Parts;
 pub use state::{Layout, PhotonCounts, Progress, Rendering, Seconds, Skipped, State, Statistics};
+pub use survey::{CasterSurvey, LightSurvey, Survey};
 
 use crate::film::Features;
 use crate::math::{Ray, Rgb, luminance};

@@ -1,7 +1,7 @@
 //! What a scene needs, derived before the first pass: stages that cannot contribute are skipped, with the reason.
 
-use super::{Kind, Options, Params, Skipped};
-use crate::photon::Guide;
+use super::{DirectLight, Kind, Options, Params, Skipped, Survey};
+use crate::photon::{Emission, Guide, Importance, Learnt, Store, Uses};
 use crate::scene::Scene;
 
 /// The work of each pass.
@@ -11,14 +11,18 @@ pub(super) struct Plan {
     pub(super) global_photons: u64,
     /// Photon paths for the caustic map; 0 if it is skipped.
     pub(super) caustic_photons: u64,
-    /// Where caustic photons are worth emitting; not before [`Plan::learn`].
-    pub(super) guide: Option<Guide>,
+    /// What is worth emitting for the global map; not before [`Plan::learn`].
+    pub(super) global_guide: Option<Guide>,
+    /// The same for the caustic map.
+    pub(super) caustic_guide: Option<Guide>,
     /// Pixels of the film.
     pub(super) pixels: u64,
     /// Radius of the scene, which relative lookup radii refer to.
     pub(super) radius: f32,
     /// What is skipped.
     pub(super) skipped: Vec<Skipped>,
+    /// What lights and casters have to do with the picture; not before [`Plan::learn`].
+    pub(super) survey: Survey,
 }
 
 impl Plan {
@@ -33,10 +37,12 @@ impl Plan {
         let mut plan = Plan {
             global_photons: auto(params.global_photons, 1),
             caustic_photons: auto(params.caustic_photons, 1),
-            guide: None,
+            global_guide: None,
+            caustic_guide: None,
             pixels,
             radius: scene.bounds.radius(),
             skipped: Vec::new(),
+            survey: Survey::default(),
         };
         if params.skip {
             plan.skip_texture_coordinates(scene);
@@ -58,7 +64,7 @@ impl Plan {
             plan.skip_both("no surface scatters by anything but delta lobes, so no photon could be stored");
         } else if scene.lights.have_beams() {
             // They show where they land, on whatever surface.
-        } else if params.max_segments() <= 2 && params.direct == super::DirectLight::Sample {
+        } else if params.max_segments() <= 2 && params.direct == DirectLight::Sample {
             plan.skip_both("max_depth leaves nothing but direct light");
         } else if !lobes.sharp {
             plan.skip_caustic("no surface has a sharp lobe that could focus light");
@@ -70,13 +76,30 @@ impl Plan {
 
     /// Sends a few photons ahead. What they find depends on the scene alone, so all passes go by the same.
     pub(super) fn learn(&mut self, scene: &Scene, params: &Params) {
-        if self.caustic_photons > 0 {
-            self.guide = Guide::learn(scene, self.caustic_photons, params.longest_flight());
-            if self.guide.is_none() && params.skip && params.caustic_photons == 0 {
-                // None found a caster, so few are worth sending after them. Not none: that would prove nothing.
-                self.caustic_photons = self.caustic_photons.div_ceil(16);
-            }
+        if !self.has_photons() {
+            return;
         }
+        let uses = Uses { direct: params.direct == DirectLight::Map, gathers: params.final_gather };
+        let mut importance = Importance::new(scene, uses);
+        let mut learn = |store, count| {
+            (count > 0).then(|| {
+                let emission = Emission::new(store, count, params.longest_flight());
+                Learnt::new(scene, &mut importance, &emission)
+            })
+        };
+        // The first tells how bright the picture is.
+        let global = learn(Store::All, self.global_photons);
+        let caustics = learn(Store::Caustic, self.caustic_photons);
+        self.survey = Survey::new(scene, global.as_ref(), caustics.as_ref());
+        if caustics.as_ref().is_some_and(|learnt| learnt.guide.is_none())
+            && params.skip
+            && params.caustic_photons == 0
+        {
+            // None found a caster, so few are worth sending after them. Not none: that would prove nothing.
+            self.caustic_photons = self.caustic_photons.div_ceil(16);
+        }
+        self.global_guide = global.and_then(|learnt| learnt.guide);
+        self.caustic_guide = caustics.and_then(|learnt| learnt.guide);
     }
 
     /// Whether any photons are shot.

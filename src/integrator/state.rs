@@ -4,7 +4,7 @@
 use super::eye::Eye;
 use super::maps::{Maps, Scratch};
 use super::plan::Plan;
-use super::{Budget, Kind, Options, Seen, guides, path};
+use super::{Budget, Kind, Options, Seen, Survey, guides, path};
 use crate::film::{self, Film, RelativeError, Values};
 use crate::image_io::{Channels, Image, Layer};
 use crate::math::{Rgb, Sampler, Stream};
@@ -61,6 +61,9 @@ pub struct Statistics {
     /// Camera samples that were left out because they came to no finite number.
     #[serde(default)]
     pub dropped: u64,
+    /// What photons sent ahead tell of lights and of what casts caustics.
+    #[serde(default)]
+    pub survey: Survey,
 }
 
 impl AddAssign<&Statistics> for Statistics {
@@ -229,6 +232,7 @@ impl State {
         let earlier = self.statistics.seconds.rendering;
         let start = Instant::now();
         plan.learn(scene, &options.params);
+        self.statistics.survey = plan.survey.clone();
         // The estimate costs more than a small pass. Where it decides, it is made at passes whose numbers grow
         // geometrically; else it is for looking at, and takes a small share of the time.
         let decides = matches!(options.budget, Budget::Error(_));

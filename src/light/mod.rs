@@ -131,8 +131,9 @@ pub struct Lights {
     prepared: Vec<Prepared>,
     power: Vec<Rgb>,
     world: World,
-    /// For photons.
-    by_power: Discrete,
+    /// For photons: half by power, half uniform over the lights that send any, so that one strong light cannot starve those
+    /// that are seen.
+    for_emission: Discrete,
     /// For direct light: half by power, half uniform over the lights that are not black, so that one strong light
     /// cannot starve the one that is near.
     for_direct: Discrete,
@@ -182,6 +183,15 @@ impl Lights {
             .collect();
         let weight = |p: Rgb| if p.is_finite() { luminance(p).max(0.0) } else { 0.0 };
         let by_power = Discrete::new(power.iter().map(|&p| weight(p)));
+        let half_uniform = |lit: &[bool]| {
+            let uniform = 0.5 / lit.iter().filter(|&&l| l).count().max(1) as f32;
+            Discrete::new(lit.iter().enumerate().map(|(i, &lit)| {
+                let share = if by_power.total() > 0.0 { by_power.prob(i) } else { 0.0 };
+                if lit { uniform + 0.5 * share } else { 0.0 }
+            }))
+        };
+        let emits: Vec<bool> = power.iter().map(|&p| weight(p) > 0.0).collect();
+        let for_emission = half_uniform(&emits);
         let lit: Vec<bool> = lights
             .iter()
             .zip(prepared.iter().zip(&power))
@@ -195,13 +205,9 @@ impl Lights {
                 (beam, _) => !beam.is_beam() && weight(power) > 0.0,
             })
             .collect();
-        let uniform = 0.5 / lit.iter().filter(|&&l| l).count().max(1) as f32;
-        let for_direct = Discrete::new((0..lights.len()).map(|i| {
-            let share = if by_power.total() > 0.0 { by_power.prob(i) } else { 0.0 };
-            if lit[i] { uniform + 0.5 * share } else { 0.0 }
-        }));
+        let for_direct = half_uniform(&lit);
         let environment = (0..lights.len() as u32).filter(|&i| lights[i as usize].is_environment()).collect();
-        Lights { lights, prepared, power, world, by_power, for_direct, environment }
+        Lights { lights, prepared, power, world, for_emission, for_direct, environment }
     }
 
     /// The lights.
@@ -215,21 +221,31 @@ impl Lights {
         self.lights[i as usize].is_beam()
     }
 
-    /// Whether any light may send photons to `targets` without detour, whatever stands in between. A light that cannot
-    /// turns its back to them.
+    /// The shape that light `i` is, if it is one.
+    pub fn shape(&self, i: u32) -> Option<u32> {
+        match &self.lights[i as usize] {
+            Light::Area { shape, .. } | Light::DirectionalArea { shape, .. } => Some(*shape),
+            _ => None,
+        }
+    }
+
+    /// Whether any light may send photons to `targets` without detour.
     pub fn reach(&self, geometry: &Geometry, targets: &Targets) -> bool {
-        let reaches = |(light, &power): (&Light, &Rgb)| {
-            power != Rgb::ZERO
-                && match light {
-                    Light::Area { shape, .. } => {
-                        let plane = geometry.shapes.get(*shape as usize).and_then(Shape::plane);
-                        plane.is_none_or(|(p, n)| targets.lie_before(p, n, *shape))
-                    }
-                    Light::Spot(spot) => spot.reaches(targets),
-                    _ => true,
+        (0..self.lights.len() as u32).any(|i| self.reaches(i, geometry, targets))
+    }
+
+    /// Whether light `i` may send photons to `targets` without detour, whatever stands in between. One that cannot turns its
+    /// back to them.
+    pub fn reaches(&self, i: u32, geometry: &Geometry, targets: &Targets) -> bool {
+        self.power(i) != Rgb::ZERO
+            && match &self.lights[i as usize] {
+                Light::Area { shape, .. } => {
+                    let plane = geometry.shapes.get(*shape as usize).and_then(Shape::plane);
+                    plane.is_none_or(|(p, n)| targets.lie_before(p, n, *shape))
                 }
-        };
-        self.lights.iter().zip(&self.power).any(reaches)
+                Light::Spot(spot) => spot.reaches(targets),
+                _ => true,
+            }
     }
 
     /// Whether any light is a beam.
@@ -365,8 +381,14 @@ impl Lights {
         })
     }
 
-    /// Emits a photon towards `targets`, if there are any: a light by power, a position by `u_pos`, a direction by
-    /// `u_dir`.
+    /// The light that `u_light` chooses for a photon, half by power and half uniformly, and its probability; `None` if no light
+    /// has any power.
+    pub fn emitter(&self, u_light: f32) -> Option<(u32, f32)> {
+        self.for_emission.sample(u_light).map(|(i, prob, _)| (i as u32, prob))
+    }
+
+    /// Emits a photon towards `targets`, if there are any: a light by [`Lights::emitter`], a position by `u_pos`, a direction
+    /// by `u_dir`.
     pub fn sample_emission(
         &self,
         geometry: &Geometry,
@@ -376,7 +398,8 @@ impl Lights {
         u_pos: Vec2,
         u_dir: Vec2,
     ) -> Option<EmissionSample> {
-        let (i, prob, _) = self.by_power.sample(u_light)?;
+        let (light, prob) = self.emitter(u_light)?;
+        let i = light as usize;
         let sample = match (&self.lights[i], &self.prepared[i]) {
             (Light::Area { shape, radiance }, Prepared::Area(sampler)) => {
                 sampler.emission(geometry, *shape, *radiance, textures, targets, u_pos, u_dir)?
@@ -427,7 +450,7 @@ impl Lights {
                 _,
             ) => return None,
         };
-        Some(EmissionSample { flux: sample.flux / prob, light: i as u32, ..sample })
+        Some(EmissionSample { flux: sample.flux / prob, light, ..sample })
     }
 
     /// A photon of a distant light from the direction `wi`, sampled with `pdf_w`.
@@ -447,6 +470,23 @@ impl Lights {
 }
 
 impl Light {
+    /// What it is called in scenes.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Light::Area { .. } => "area",
+            Light::Point { .. } => "point",
+            Light::Spot(_) => "spot",
+            Light::Directional { .. } => "directional",
+            Light::Constant { .. } => "constant",
+            Light::Envmap(_) => "envmap",
+            Light::Sky(_) => "sky",
+            Light::Sun(_) => "sun",
+            Light::Projector(_) => "projector",
+            Light::DirectionalArea { .. } => "directionalarea",
+            Light::Collimated { .. } => "collimated",
+        }
+    }
+
     fn is_beam(&self) -> bool {
         matches!(self, Light::DirectionalArea { .. } | Light::Collimated { .. })
     }

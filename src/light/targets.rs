@@ -3,6 +3,9 @@
 //! Light whose *first* hit is a sharp surface meets one of the spheres, so emission may be confined to them and stays
 //! unbiased for caustics. Where spheres overlap as seen from the light, the density is the sum over all that hold the
 //! ray, whichever was chosen (one-sample balance heuristic).
+//!
+//! Around what is seen there may be more spheres, of a higher density each: of the photons that the sky sends to a plain of
+//! a kilometre, half go to the room that the camera is in ([`Targets::learnt`]).
 
 use crate::math::{Discrete, Frame, warp};
 use crate::shape::Bounds;
@@ -15,18 +18,28 @@ struct Sphere {
     radius: f32,
     /// The shape inside, if it is a single one.
     shape: Option<u32>,
+    /// How densely photons are aimed at it: 1 for what bounds what has to be hit, more where less would do.
+    density: f32,
 }
 
 /// Where photons are aimed; by default nowhere in particular.
 #[derive(Clone, Debug, Default)]
 pub struct Targets {
+    /// Those that bound what has to be hit come first.
     spheres: Vec<Sphere>,
+    /// How many these are.
+    bounding: usize,
+    /// Times density.
     by_cross_section: Discrete,
 }
 
 impl Targets {
     /// More spheres cost more per photon than they save.
     const MAX: usize = 32;
+    /// Of these around what is seen.
+    const MAX_SEEN: usize = 16;
+    /// How small these must be, all together, relative to the others, to be worth having.
+    const MUCH_SMALLER: f32 = 0.25;
 
     /// Spheres around the shapes with the given indices, bounds, and radii around the middle of these. Neighbours share a
     /// sphere if there are many, or if that makes the total cross-section smaller.
@@ -46,17 +59,52 @@ impl Targets {
             .map(|&Group { shape, bounds: b, radius }| {
                 // A margin for what rounding does to positions and directions at the rim.
                 let rounding = 16.0 * f32::EPSILON * b.min.abs().max(b.max.abs()).max_element();
-                Sphere { center: b.center(), radius: radius * 1.001 + rounding, shape }
+                Sphere { center: b.center(), radius: radius * 1.001 + rounding, shape, density: 1.0 }
             })
             .collect();
-        let by_cross_section = Discrete::new(spheres.iter().map(|s| s.radius * s.radius));
-        Targets { spheres, by_cross_section }
+        Targets::of(spheres.len(), spheres)
+    }
+
+    fn of(bounding: usize, spheres: Vec<Sphere>) -> Targets {
+        let by_cross_section = Discrete::new(spheres.iter().map(|s| s.density * s.radius * s.radius));
+        Targets { spheres, bounding, by_cross_section }
+    }
+
+    /// These targets, with half of all photons going to spheres around the points `seen` (in the scene of bounds `world`):
+    /// to each with the same probability. `None` if these would not be much smaller.
+    pub fn learnt(&self, seen: &[Vec3], world: Bounds) -> Option<Targets> {
+        let all = [(0, world, world.radius())];
+        let whole = Targets::new(all.into_iter());
+        // The one around all is the better one if the others, together, are no smaller.
+        let bounding = if self.cross_section() < whole.cross_section() { self } else { &whole };
+        let point = |&p: &Vec3| Group { shape: None, bounds: Bounds { min: p, max: p }, radius: 0.0 };
+        let mut groups = Vec::new();
+        group(&mut seen.iter().map(point).collect::<Vec<_>>(), Self::MAX_SEEN, &mut groups);
+        // A margin for what lies between the points; and for many in one place.
+        let least = 1e-3 * world.radius();
+        let radius = |group: &Group| 1.1 * group.radius + least;
+        let cross_section: f32 = groups.iter().map(|group| radius(group).powi(2)).sum();
+        if groups.is_empty() || cross_section > Self::MUCH_SMALLER * bounding.cross_section() {
+            return None;
+        }
+        let share = bounding.cross_section() / groups.len() as f32;
+        let mut spheres = bounding.spheres.clone();
+        spheres.extend(groups.iter().map(|group| {
+            let radius = radius(group);
+            Sphere { center: group.bounds.center(), radius, shape: None, density: share / (radius * radius) }
+        }));
+        Some(Targets::of(bounding.spheres.len(), spheres))
+    }
+
+    /// Of all spheres that bound what has to be hit, over π.
+    fn cross_section(&self) -> f32 {
+        self.spheres[..self.bounding].iter().map(|s| s.radius * s.radius).sum()
     }
 
     /// Whether a sphere reaches before the plane through `p` with normal `n`, but for that of the shape `own`.
     pub(super) fn lie_before(&self, p: Vec3, n: Vec3, own: u32) -> bool {
         let reaches = |s: &Sphere| n.dot(s.center - p) > -s.radius;
-        self.spheres.iter().any(|s| s.shape != Some(own) && reaches(s))
+        self.spheres[..self.bounding].iter().any(|s| s.shape != Some(own) && reaches(s))
     }
 
     /// Whether a sphere meets the cone of half-angle `cutoff` around the unit vector `axis`.
@@ -67,37 +115,40 @@ impl Targets {
             let to_center = axis.cross(to).length().atan2(axis.dot(to));
             distance <= s.radius || to_center - (s.radius / distance).asin() < cutoff + 1e-3
         };
-        self.spheres.iter().any(meets)
+        self.spheres[..self.bounding].iter().any(meets)
     }
 
     /// Aims from `p`, a point on the shape `own` if that cannot light itself; `None` if the spheres fill so much of the
     /// view that there is nothing to gain.
     pub(super) fn aim_from(&self, p: Vec3, own: Option<u32>) -> Option<Aim<'_>> {
-        let aim = Aim { targets: self, p, own, solid_angle: 0.0 };
-        let solid_angle: f32 = aim.spheres().map(|s| s.solid_angle(p)).sum();
-        (solid_angle > 0.0 && solid_angle < PI).then_some(Aim { solid_angle, ..aim })
+        let aim = Aim { targets: self, p, own, total: 0.0 };
+        let bounding = self.spheres[..self.bounding].iter().filter(|s| aim.counts(s));
+        let solid_angle: f32 = bounding.map(|s| s.solid_angle(p)).sum();
+        let total = aim.spheres().map(|(_, s)| s.density * s.solid_angle(p)).sum();
+        (solid_angle > 0.0 && solid_angle < PI).then_some(Aim { total, ..aim })
     }
 
     /// A point on the plane through the origin across the unit vector `d`, so that the line through it along `d` meets
     /// a sphere; and the pdf per area. `None` if that would be no better than a disk of radius `world`.
     pub(super) fn sample_line(&self, d: Vec3, world: f32, u: Vec2) -> Option<(Vec3, f32)> {
-        // The total of the weights radius², that is: areas over π.
-        if self.by_cross_section.total() >= (world * world) as f64 {
+        let is_learnt = self.bounding < self.spheres.len();
+        if !is_learnt && self.cross_section() >= world * world {
             return None;
         }
-        let (i, _, ux) = self.by_cross_section.sample(u.x)?;
-        let sphere = &self.spheres[i];
+        let (chosen, _, ux) = self.by_cross_section.sample(u.x)?;
+        let sphere = &self.spheres[chosen];
         let frame = Frame::from_normal(d);
         let on_disk = warp::disk(Vec2::new(ux, u.y)) * sphere.radius;
         let p = sphere.center + frame.s * on_disk.x + frame.t * on_disk.y;
         let p = p - d * d.dot(p);
         let across = |v: Vec3| v - d * d.dot(v);
-        let holding = self
-            .spheres
-            .iter()
-            .filter(|s| across(s.center - p).length_squared() <= s.radius * s.radius)
-            .count();
-        Some((p, holding.max(1) as f32 / (PI * self.by_cross_section.total() as f32)))
+        // The point was sampled in one of them, whatever rounding says.
+        let holds = |i: usize, s: &Sphere| {
+            i == chosen || across(s.center - p).length_squared() <= s.radius * s.radius
+        };
+        let density: f32 =
+            self.spheres.iter().enumerate().filter(|(i, s)| holds(*i, s)).map(|(_, s)| s.density).sum();
+        Some((p, density / (PI * self.by_cross_section.total() as f32)))
     }
 }
 
@@ -118,45 +169,53 @@ pub(super) struct Aim<'a> {
     targets: &'a Targets,
     p: Vec3,
     own: Option<u32>,
-    solid_angle: f32,
+    /// Of density times solid angle.
+    total: f32,
 }
 
 impl<'a> Aim<'a> {
-    fn spheres(&self) -> impl Iterator<Item = &'a Sphere> + use<'a> {
-        let own = self.own;
-        self.targets.spheres.iter().filter(move |s| own.is_none() || s.shape != own)
+    fn counts(&self, sphere: &Sphere) -> bool {
+        self.own.is_none() || sphere.shape != self.own
+    }
+
+    fn spheres(&self) -> impl Iterator<Item = (usize, &'a Sphere)> + '_ {
+        self.targets.spheres.iter().enumerate().filter(|(_, s)| self.counts(s))
     }
 
     /// A direction towards a sphere, and its pdf_w.
     pub(super) fn sample(&self, u: Vec2) -> Option<(Vec3, f32)> {
-        let mut rest = u.x * self.solid_angle;
+        let mut rest = u.x * self.total;
         let mut chosen = None;
-        for sphere in self.spheres() {
-            let solid_angle = sphere.solid_angle(self.p);
-            if solid_angle > 0.0 {
-                chosen = Some((sphere, (rest / solid_angle).clamp(0.0, 1.0 - 0.5 * f32::EPSILON)));
-                if rest < solid_angle {
+        for (i, sphere) in self.spheres() {
+            let share = sphere.density * sphere.solid_angle(self.p);
+            if share > 0.0 {
+                chosen = Some((i, sphere, (rest / share).clamp(0.0, 1.0 - 0.5 * f32::EPSILON)));
+                if rest < share {
                     break;
                 }
             }
-            rest -= solid_angle;
+            rest -= share;
         }
-        let (sphere, ux) = chosen?;
-        let axis = (sphere.center - self.p).try_normalize()?;
-        let d =
-            Frame::from_normal(axis).to_world(warp::cone(Vec2::new(ux, u.y), sphere.one_minus_cos(self.p)));
-        Some((d, self.pdf_w(d)))
+        let (chosen, sphere, ux) = chosen?;
+        let cone = warp::cone(Vec2::new(ux, u.y), sphere.one_minus_cos(self.p));
+        // From within there is no axis, nor need of one.
+        let axis = (sphere.center - self.p).try_normalize().unwrap_or(Vec3::Z);
+        let d = Frame::from_normal(axis).to_world(cone);
+        Some((d, self.pdf_w(chosen, d)))
     }
 
-    fn pdf_w(&self, d: Vec3) -> f32 {
-        let holds = |s: &&Sphere| {
+    /// Of a direction that was sampled towards the sphere `chosen`, whatever rounding says.
+    fn pdf_w(&self, chosen: usize, d: Vec3) -> f32 {
+        let holds = |s: &Sphere| {
             // The squared sine of the angle to the axis, without cancellation.
             let to = s.center - self.p;
             let across = to.cross(d).length_squared();
-            to.dot(d) > 0.0 && across <= s.radius * s.radius
+            let is_inside = to.length_squared() <= s.radius * s.radius;
+            is_inside || to.dot(d) > 0.0 && across <= s.radius * s.radius
         };
-        // The direction was sampled towards one of them, whatever rounding says.
-        self.spheres().filter(holds).count().max(1) as f32 / self.solid_angle
+        let density: f32 =
+            self.spheres().filter(|&(i, s)| i == chosen || holds(s)).map(|(_, s)| s.density).sum();
+        density / self.total
     }
 }
 
@@ -271,6 +330,84 @@ mod tests {
         }
         assert!((sampled / brute - 1.0).abs() < 0.02, "{sampled} {brute}");
         assert!(targets.sample_line(d, 0.1, Vec2::splat(0.5)).is_none());
+    }
+
+    /// Two places that are seen, in a world of twenty by twenty.
+    fn learnt() -> Targets {
+        let world = cube(Vec3::ZERO, 10.0);
+        let around = |c: Vec3| {
+            (0..64).map(move |i| {
+                let u = Sampler::new(5, Stream::Pilots, 0, i);
+                c + 0.5 * warp::sphere(u.clone().next_2d())
+            })
+        };
+        let seen: Vec<Vec3> =
+            around(Vec3::new(3.0, 2.0, 1.0)).chain(around(Vec3::new(-5.0, 0.0, 6.0))).collect();
+        targets(vec![world]).learnt(&seen, world).unwrap()
+    }
+
+    /// Of lines and of directions from afar: their means of 1 and of what only holds near what is seen, over the stated pdf,
+    /// are the integrals; and half of them go there.
+    #[test]
+    fn learnt_targets_have_the_stated_density() {
+        let targets = learnt();
+        let n = 1 << 16;
+        let is_near = |o: Vec3, d: Vec3, r: f32| {
+            [Vec3::new(3.0, 2.0, 1.0), Vec3::new(-5.0, 0.0, 6.0)]
+                .iter()
+                .any(|&c| (c - o).cross(d).length_squared() < r * r)
+        };
+        let in_world = |o: Vec3, d: Vec3| o.cross(d).length() <= targets.spheres[0].radius;
+        let check = |name: &str, sampled: f64, brute: f64| {
+            assert!((sampled / brute - 1.0).abs() < 0.02, "{name}: {sampled} {brute}");
+        };
+        let d = Vec3::new(0.1, 0.9, -0.4).normalize();
+        let frame = Frame::from_normal(d);
+        let far = Vec3::new(60.0, -10.0, 20.0);
+        let aim = targets.aim_from(far, None).unwrap();
+        let axis = Frame::from_normal(-far.normalize());
+        let mut sums = [0.0f64; 8];
+        let mut near = [0u32; 2];
+        for i in 0..n {
+            let u = Sampler::new(3, Stream::CausticPhotons, 2, i).next_2d();
+            let (p, pdf_a) = targets.sample_line(d, 1.0, u).unwrap();
+            assert!(in_world(p, d) && p.dot(d).abs() < 1e-3);
+            sums[0] += 1.0 / f64::from(pdf_a);
+            sums[1] += f64::from(u8::from(is_near(p, d, 0.4))) / f64::from(pdf_a);
+            near[0] += u32::from(is_near(p, d, 0.8));
+            let q = frame.s * (40.0 * u.x - 20.0) + frame.t * (40.0 * u.y - 20.0);
+            sums[2] += 1600.0 * f64::from(u8::from(in_world(q, d)));
+            let small = frame.s * (20.0 * u.x - 10.0) + frame.t * (20.0 * u.y - 10.0);
+            sums[3] += 400.0 * f64::from(u8::from(is_near(small, d, 0.4)));
+
+            let (w, pdf_w) = aim.sample(u).unwrap();
+            sums[4] += 1.0 / f64::from(pdf_w);
+            sums[5] += f64::from(u8::from(is_near(far, w, 0.4))) / f64::from(pdf_w);
+            near[1] += u32::from(is_near(far, w, 0.8));
+            let cone = axis.to_world(warp::cone(u, 0.06));
+            let whole = 2.0 * std::f64::consts::PI * 0.06;
+            sums[6] += whole * f64::from(u8::from((-far).cross(cone).length() <= targets.spheres[0].radius));
+            sums[7] += whole * f64::from(u8::from(is_near(far, cone, 0.4)));
+        }
+        let [line, near_line, brute, near_brute, w, near_w, brute_w, near_brute_w] =
+            sums.map(|s| s / n as f64);
+        check("lines", line, brute);
+        check("lines near what is seen", near_line, near_brute);
+        check("directions", w, brute_w);
+        check("directions near what is seen", near_w, near_brute_w);
+        assert!(near.iter().all(|&near| near > n as u32 * 45 / 100), "{near:?}");
+    }
+
+    /// Where all is seen, there is nothing to learn.
+    #[test]
+    fn what_is_as_large_as_everything_is_no_target() {
+        let world = cube(Vec3::ZERO, 10.0);
+        let all: Vec<Vec3> =
+            (0..64).map(|i| 10.0 * warp::sphere(Sampler::new(5, Stream::Pilots, 0, i).next_2d())).collect();
+        assert!(targets(vec![world]).learnt(&all, world).is_none());
+        assert!(targets(vec![world]).learnt(&[], world).is_none());
+        // One that is all alone is still a target.
+        assert!(targets(vec![world]).learnt(&[Vec3::ONE], world).is_some());
     }
 
     #[test]

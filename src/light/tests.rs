@@ -848,7 +848,7 @@ fn every_light_is_reachable_but_black_ones() {
         emitted[photon.light as usize] += 1;
     }
     assert!(direct[2] >= 190 && direct[4] >= 190 && direct[0] >= 790, "{direct:?}");
-    assert_eq!(emitted, [1200, 0, 0, 0, 0]);
+    assert!(emitted[2] >= 190 && emitted[4] >= 190 && emitted[0] >= 790, "{emitted:?}");
     assert_eq!(lights.for_direct.prob(1), 0.0);
     assert_eq!(lights.for_direct.prob(3), 0.0);
 }

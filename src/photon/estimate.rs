@@ -157,7 +157,7 @@ pub struct Place<'a> {
     pub tag: u8,
     /// The flat polygon that the surface ends with, if it is one.
     pub facet: Option<&'a Facet>,
-    magnitude: f32,
+    pub(super) magnitude: f32,
 }
 
 impl<'a> Place<'a> {

@@ -1,8 +1,7 @@
-//! Which of the random numbers that a photon starts from are worth drawing: those whose photons meet something sharp
-//! first, and most of all those that the camera sees thereafter. Targets ([`crate::light::Targets`]) bound where the former
-//! are and know nothing of what stands in the way, of lamps that turn away, or of the gaps in what they bound; a few photons
-//! sent ahead find out. The choice among lights is one of these numbers, so the one lamp of many whose caustic is seen
-//! gets the photons.
+//! Which of the random numbers that a photon starts from are worth drawing: those whose photons show in the picture, as a
+//! few photons sent ahead find out ([`super::pilots`]). Targets ([`crate::light::Targets`]) bound where such photons go and know
+//! nothing of what stands in the way, of lamps that turn away, or of the gaps in what they bound. The choice among lights
+//! is one of these numbers, so the one lamp of many whose light is seen gets the photons.
 //!
 //! The five numbers of [`crate::light::Lights::sample_emission`] (light, position, direction) are the coordinates of a unit
 //! cube. A tree halves it where that tells useful from useless (as the spatial trees of Müller et al. 2017, "Practical Path
@@ -10,30 +9,17 @@
 //! from by what they have brought, so photons also become equally bright. A share of the density is
 //! uniform, so it is positive wherever a photon can start, and known exactly, so nothing is biased whatever was learnt.
 
-use super::importance::Importance;
-use super::kdtree::KnnHeap;
-use super::trace::{Emission, Start, Store, Traced, fly};
-use crate::math::{Ray, Sampler, Stream, luminance};
-use crate::scene::Scene;
-use rayon::prelude::*;
+use crate::light::Targets;
 
 /// Coordinates: light, position, direction.
-const AXES: usize = 5;
-/// The share of photons that are emitted as if nothing had been learnt.
-const UNIFORM: f32 = 0.05;
-/// Rounds of photons sent ahead; each draws by what the one before has learnt, and sends twice as many.
-const ROUNDS: u64 = 3;
-/// The first one's: one of so many of a pass, but no fewer nor more than that.
-const FIRST: (u64, [u64; 2]) = (4, [1 << 12, 1 << 13]);
-/// How much what the camera sees decides; the rest is for what it may have overlooked.
-const SEEN: f32 = 0.75;
+pub(super) const AXES: usize = 5;
 /// Nodes of fewer photons are not divided.
 const MIN_PHOTONS: usize = 48;
 /// What is known of a node without any photons weighs as much as so many.
 const PRIOR: f32 = 2.0;
 /// Parts of each axis that are told apart when one is chosen. More than two: a half may look like the other one.
 const PARTS: usize = 8;
-/// By how much the parts must differ: their relative entropy, times the node's share of all flux.
+/// By how much the parts must differ beyond chance: their relative entropy, times the node's share of all worth.
 const MIN_GAIN: f32 = 2e-4;
 
 /// A density over the random numbers of emission.
@@ -41,6 +27,8 @@ const MIN_GAIN: f32 = 2e-4;
 pub struct Guide {
     /// The root is the first.
     nodes: Vec<Node>,
+    /// Where to aim instead of at all that counts.
+    targets: Option<Targets>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -53,98 +41,34 @@ struct Node {
     prob: f32,
 }
 
-/// What a photon sent ahead has found.
-struct Sent {
-    at: Start,
-    /// 1 / density.
-    weight: f32,
-    /// Its flux if it has met something sharp.
-    aimed: f32,
-    /// What of it the camera sees.
-    seen: f32,
-}
-
-impl Sent {
-    fn new(
-        scene: &Scene,
-        sampler: &mut Sampler,
-        emission: &Emission,
-        importance: &Importance,
-        heap: &mut KnnHeap,
-    ) -> Sent {
-        let (at, weight) = Start::draw(sampler, emission.guide);
-        let mut sent = Sent { at, weight, aimed: 0.0, seen: 0.0 };
-        let Some(start) = at.emit(scene, Store::Caustic) else { return sent };
-        let Some(hit) = scene.intersect(&Ray::new(start.o, start.d)) else { return sent };
-        let lobes = scene.material(hit.shape).lobes();
-        // What lands first from a beam is a caustic already; behind a hole there may be anything.
-        if lobes.sharp || lobes.holes || scene.lights.is_beam(start.light) {
-            let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
-            let mut traced = Traced::default();
-            fly(scene, &start, 1.0, sampler, emission, &mut traced);
-            sent.aimed = finite(luminance(start.flux));
-            sent.seen = finite(traced.photons.iter().map(|photon| importance.shown(photon, heap)).sum());
-        }
-        sent
-    }
-}
-
-/// What each photon was worth: to meet something sharp, and more to be seen thereafter.
-fn worth(sent: &[Sent]) -> Vec<Pilot> {
-    let total = |of: fn(&Sent) -> f32| sent.iter().map(|s| s.weight * of(s)).sum::<f32>();
-    let (aimed, seen) = (total(|s| s.aimed), total(|s| s.seen));
-    let relative = |x: f32, total: f32| if total > 0.0 { x / total } else { 0.0 };
-    sent.iter()
-        .map(|s| Pilot {
-            at: s.at.0,
-            weight: s.weight,
-            worth: (1.0 - SEEN) * relative(s.aimed, aimed) + SEEN * relative(s.seen, seen),
-        })
-        .collect()
-}
+const LEAF: Node = Node { axis: AXES as u32, child: 0, prob: 0.0 };
 
 /// A photon sent ahead.
 #[derive(Clone, Copy)]
-struct Pilot {
-    at: [f32; AXES],
+pub(super) struct Pilot {
+    /// Where it has started.
+    pub(super) at: [f32; AXES],
     /// 1 / density.
-    weight: f32,
-    /// What it is worth: flux that meets something sharp, and flux that the camera sees as a caustic, each relative to
-    /// the total of all pilots.
-    worth: f32,
+    pub(super) weight: f32,
+    /// What it was worth, times the weight.
+    pub(super) worth: f32,
 }
 
 impl Guide {
-    /// Learns for passes of `photons` where caustics come from and which are seen. `None` if no photon found anything sharp.
-    /// The same for any number of threads.
-    pub fn learn(scene: &Scene, photons: u64, max_depth: u32) -> Option<Guide> {
-        let importance = Importance::new(scene);
-        let mut guide: Option<Guide> = None;
-        let (share, [fewest, most]) = FIRST;
-        let first = (photons / share).clamp(fewest, most);
-        for round in 0..ROUNDS {
-            let count = first << round;
-            let emission =
-                Emission { guide: guide.as_ref(), ..Emission::new(Store::Caustic, count, max_depth) };
-            let sent: Vec<Sent> = (0..count as usize)
-                .into_par_iter()
-                .with_max_len(512)
-                .map_init(
-                    || KnnHeap::new(Importance::K),
-                    |heap, index| {
-                        let mut sampler = Sampler::new(0, Stream::Pilots, round, index as u64);
-                        Sent::new(scene, &mut sampler, &emission, &importance, heap)
-                    },
-                )
-                .collect();
-            let mut pilots = worth(&sent);
-            guide = Self::of(&mut pilots);
-        }
-        guide
+    /// Knows nothing but where to aim.
+    pub(super) fn even(targets: Option<Targets>) -> Guide {
+        Guide { nodes: vec![LEAF], targets }
     }
 
-    fn of(pilots: &mut [Pilot]) -> Option<Guide> {
-        let mut nodes = vec![Node { axis: AXES as u32, child: 0, prob: 0.0 }];
+    /// Where photons are aimed, if that was learnt as well.
+    pub fn targets(&self) -> Option<&Targets> {
+        self.targets.as_ref()
+    }
+
+    /// What `pilots` have learnt, but for the share `uniform` of all photons, which start as if nothing were known. `None` if no
+    /// pilot was worth anything.
+    pub(super) fn of(pilots: &mut [Pilot], uniform: f32, targets: Option<Targets>) -> Option<Guide> {
+        let mut nodes = vec![LEAF];
         let mut masses = vec![0.0];
         let whole = mean(pilots, 0.0);
         let total = grow(pilots, &mut nodes, &mut masses, 0, whole, [0.0; AXES], [1.0; AXES]);
@@ -159,11 +83,11 @@ impl Guide {
                 let child = child as usize;
                 volumes[child] = 0.5 * volumes[i];
                 volumes[child + 1] = volumes[child];
-                let prob = |i: usize| (1.0 - UNIFORM) * masses[i] / total + UNIFORM * volumes[i];
+                let prob = |i: usize| (1.0 - uniform) * masses[i] / total + uniform * volumes[i];
                 nodes[i].prob = prob(child) / (prob(child) + prob(child + 1));
             }
         }
-        Some(Guide { nodes })
+        Some(Guide { nodes, targets })
     }
 
     /// The point that the random numbers `u` draw, and 1 / density there.
@@ -188,7 +112,7 @@ impl Guide {
 
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// Divides a node as long as that is worth while; returns its mass, ∫ flux over its volume.
+/// Divides a node as long as that is worth while; returns its mass, ∫ worth over its volume.
 fn grow(
     pilots: &mut [Pilot],
     nodes: &mut Vec<Node>,
@@ -203,7 +127,11 @@ fn grow(
     if pilots.len() < MIN_PHOTONS {
         return masses[node];
     }
-    let gains: [f32; AXES] = std::array::from_fn(|a| gain(pilots, a, low[a], size[a]));
+    // What parts differ by for chance alone: χ² of so many parts, over twice the number of photons that are worth as much.
+    let (sum, squares) =
+        pilots.iter().fold((0.0f32, 0.0f32), |(sum, sq), p| (sum + p.worth, sq + p.worth * p.worth));
+    let doubt = if sum > 0.0 { 0.5 * (PARTS - 1) as f32 * squares / (sum * sum) } else { 0.0 };
+    let gains: [f32; AXES] = std::array::from_fn(|a| gain(pilots, a, low[a], size[a]) - doubt);
     let axis = (0..AXES).max_by(|&a, &b| gains[a].total_cmp(&gains[b])).unwrap_or(0);
     if gains[axis] * masses[node] < MIN_GAIN * masses[0] {
         return masses[node];
@@ -218,7 +146,7 @@ fn grow(
     }
     let child = nodes.len();
     for _ in 0..2 {
-        nodes.push(Node { axis: AXES as u32, child: 0, prob: 0.0 });
+        nodes.push(LEAF);
         masses.push(0.0);
     }
     (nodes[node].axis, nodes[node].child) = (axis as u32, child as u32);
@@ -231,22 +159,24 @@ fn grow(
     masses[node]
 }
 
-/// Mean flux over a node's volume, if as many as [`PRIOR`] more photons had brought the mean of the node `around` it:
-/// where none of a few photons was useful, the next one may be, and would be blinding if it were thought impossible.
+/// Root mean square of what photons of a node are worth, if as many as [`PRIOR`] more had brought what those of the node
+/// `around` it do: where none of a few photons was useful, the next one may be, and would be blinding if it were thought
+/// impossible. The square, for in proportion to it the density leaves the least variance, also where few are worth much.
 fn mean(pilots: &[Pilot], around: f32) -> f32 {
-    let (flux, weight) =
-        pilots.iter().fold((0.0, 0.0), |(flux, weight), p| (flux + p.worth * p.weight, weight + p.weight));
+    let (squares, weight) = pilots.iter().fold((0.0, 0.0), |(squares, weight), p| {
+        (squares + p.worth * (p.worth / p.weight), weight + p.weight)
+    });
     let n = pilots.len() as f32;
-    if weight > 0.0 { (n * flux / weight + PRIOR * around) / (n + PRIOR) } else { around }
+    if weight > 0.0 { (n * (squares / weight).sqrt() + PRIOR * around) / (n + PRIOR) } else { around }
 }
 
-/// Relative entropy of the flux over equal parts of an axis.
+/// Relative entropy of the worth over equal parts of an axis.
 fn gain(pilots: &[Pilot], axis: usize, low: f32, size: f32) -> f32 {
     let mut parts = [(0.0f32, 0.0f32); PARTS];
     for p in pilots {
         let part = ((p.at[axis] - low) * (PARTS as f32 / size)) as usize;
         let (flux, weight) = &mut parts[part.min(PARTS - 1)];
-        *flux += p.worth * p.weight;
+        *flux += p.worth;
         *weight += p.weight;
     }
     let means = parts.map(|(flux, weight)| if weight > 0.0 { flux / weight } else { 0.0 });

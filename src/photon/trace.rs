@@ -3,7 +3,7 @@
 use super::splat::{Splat, Splatter};
 use super::{Guide, Packed, Photon, Site};
 use crate::bsdf::{Mode, Share};
-use crate::light::EmissionSample;
+use crate::light::{EmissionSample, Targets};
 use crate::math::{Ray, Rgb, Sampler, Stream};
 use crate::scene::{Scene, Surface};
 use glam::{Vec3, vec2};
@@ -30,6 +30,8 @@ pub struct Traced<'a> {
     pub splats: Vec<Splat>,
     /// In [`Store::Sites`], where photons have landed on diffuse surfaces, in order.
     pub sites: Vec<Site<'a>>,
+    /// With [`Emission::watched`], the shapes that photons have met, in order.
+    pub met: Vec<u32>,
     /// Rays traced.
     pub rays: u64,
 }
@@ -55,16 +57,24 @@ pub struct Emission<'a> {
     pub count: u64,
     /// Most segments of a path.
     pub max_depth: u32,
-    /// What to start from, where only caustics count.
+    /// What to start from.
     pub guide: Option<&'a Guide>,
     /// Shows caustics to the camera, too.
     pub splatter: Option<&'a Splatter<'a>>,
+    /// Whether to tell what photons meet.
+    pub watched: bool,
 }
 
 impl Emission<'_> {
     /// All of `store`, as if nothing were known of the scene.
     pub fn new(store: Store, count: u64, max_depth: u32) -> Emission<'static> {
-        Emission { store, count, max_depth, guide: None, splatter: None }
+        Emission { store, count, max_depth, guide: None, splatter: None, watched: false }
+    }
+
+    /// Where photons are aimed.
+    pub fn targets<'a>(&'a self, scene: &'a Scene) -> &'a Targets {
+        let all = if self.store == Store::Caustic { &scene.casters } else { &scene.targets };
+        self.guide.and_then(Guide::targets).unwrap_or(all)
     }
 }
 
@@ -86,7 +96,7 @@ pub fn trace<'a>(scene: &'a Scene, seed: u64, pass: u32, emission: &Emission) ->
             for index in first..(first + BATCH).min(count) {
                 let mut sampler = Sampler::new(seed, stream, pass as u64, index);
                 let (at, weight) = Start::draw(&mut sampler, emission.guide);
-                if let Some(start) = at.emit(scene, emission.store) {
+                if let Some(start) = at.emit(scene, emission.targets(scene)) {
                     fly(scene, &start, weight / count as f32, &mut sampler, emission, &mut out);
                 }
             }
@@ -117,10 +127,9 @@ impl Start {
         (Start(at), weight)
     }
 
-    /// The photon that starts from them, towards what it is to find.
-    pub fn emit(&self, scene: &Scene, store: Store) -> Option<EmissionSample> {
+    /// The photon that starts from them, towards `targets`.
+    pub fn emit(&self, scene: &Scene, targets: &Targets) -> Option<EmissionSample> {
         let Start([light, x, y, s, t]) = *self;
-        let targets = if store == Store::Caustic { &scene.casters } else { &scene.targets };
         let (geometry, textures) = (&scene.geometry, &scene.textures);
         scene.lights.sample_emission(geometry, textures, targets, light, vec2(x, y), vec2(s, t))
     }
@@ -191,6 +200,9 @@ pub(super) fn fly<'a>(
             continue;
         }
         has_scattered = true;
+        if emission.watched {
+            out.met.push(s.shape);
+        }
         let (u_lobe, u, u_rr) = (sampler.next_1d(), sampler.next_2d(), sampler.next_1d());
         let wo = s.frame.to_local(wi);
         let Some(sample) = s.bsdf.sample(wo, u_lobe, u, Mode::Flux) else { return };

@@ -161,6 +161,16 @@ impl Bounds {
 }
 
 impl Shape {
+    /// What it is.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Shape::Mesh(_) => "mesh",
+            Shape::Sphere(_) => "sphere",
+            Shape::Disk(_) => "disk",
+            Shape::Cylinder(_) => "cylinder",
+        }
+    }
+
     /// World-space bounds; they contain whatever [`Shape::intersect`] can hit.
     pub fn bounds(&self) -> Bounds {
         match self {

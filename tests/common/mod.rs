@@ -7,6 +7,7 @@ use caustica::accel::{self, Backend};
 use caustica::image_io::Image;
 use caustica::integrator::{Budget, Kind, Options, Params, Rendering, State};
 use caustica::math::Rgb;
+use caustica::photon::{Emission, Guide, Importance, Learnt, Store, Uses};
 use caustica::scene::{self, Scene};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -117,4 +118,10 @@ pub(crate) fn backends() -> impl Iterator<Item = Backend> {
 pub(crate) fn assert_close(a: Rgb, b: Rgb, relative: f32, what: &str) {
     let error = ((a - b) / b.max(Rgb::splat(1e-6))).abs().max_element();
     assert!(error < relative, "{what}: {a} and {b} differ by {:.2} %", 100.0 * error);
+}
+
+/// What photons sent ahead learn for passes of `photons` into the map of `store`, where gather rays look for them.
+pub(crate) fn learn(scene: &Scene, store: Store, photons: u64, max_depth: u32) -> Option<Guide> {
+    let mut importance = Importance::new(scene, Uses { direct: false, gathers: true });
+    Learnt::new(scene, &mut importance, &Emission::new(store, photons, max_depth)).guide
 }
