@@ -1,5 +1,5 @@
-//! OpenEXR. A picture fills the *display window*: it is black where the data window leaves that empty, and what lies
-//! outside of it is cut off.
+//! OpenEXR. The picture is the *display window*: black where the data window leaves it empty, cut off where
+//! the data window is larger.
 
 use super::{Image, check_size, reason, replace_file};
 use crate::math::{Rgb, XYZ_TO_SRGB};
@@ -23,8 +23,8 @@ pub struct Layer {
     pub channels: Channels,
 }
 
-/// The channels of a layer, named as other programs expect: tev groups by the name before the dot, Blender takes
-/// the one letter behind it.
+/// The channels of a layer, named as other programs expect: tev groups by the name before the dot, Blender
+/// takes the one letter behind it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channels {
     /// A colour: `R`, `G`, `B`.
@@ -51,8 +51,8 @@ impl Channels {
 /// What goes into an EXR file besides pixels.
 #[derive(Clone, Debug, Default)]
 pub struct Metadata {
-    /// (key, value) text attributes: seed, passes, command. Keys are no standard attributes of OpenEXR's other than
-    /// `software`, `comments` and `owner`.
+    /// (key, value) text attributes: seed, passes, command. Keys are no standard attributes of OpenEXR's
+    /// other than `software`, `comments` and `owner`.
     pub attributes: Vec<(String, String)>,
 }
 
@@ -91,8 +91,9 @@ fn layers(header: &Header) -> BTreeMap<String, Letters> {
     layers
 }
 
-/// What makes a picture, the best first: whether channels belong to a layer, their letters, and those that must not be
-/// beside them. With RY and BY, Y is the lightness of a colour; with X and Z in a layer, it is a part of a direction.
+/// What makes a picture, the best first: whether channels belong to a layer, their letters, and those that
+/// must not be beside them. With RY and BY, Y is the luminance of a colour; with X and Z in a layer, it is a
+/// part of a direction.
 #[rustfmt::skip]
 const PICTURES: [(Kind, bool, &[&str], &[&str]); 7] = [
     (Kind::Rgb, false, &["R", "G", "B"], &[]),
@@ -104,8 +105,8 @@ const PICTURES: [(Kind, bool, &[&str], &[&str]); 7] = [
     (Kind::Grey, true, &["R"], &["G", "B"]),
 ];
 
-/// The channels that make the picture. Like Mitsuba it takes names in any case, and unlike it a lone R, or any channel
-/// that is the only one beside alpha.
+/// The channels that make the picture. Like Mitsuba it takes names in any case, and unlike it a lone R, or
+/// any channel that is the only one beside alpha.
 fn picture(headers: &[Header]) -> Option<(Kind, Vec<ex::Text>)> {
     let parts: Vec<_> = headers.iter().filter(|h| !h.deep).map(layers).collect();
     let best = PICTURES.iter().find_map(|(kind, layered, wanted, unwanted)| {
@@ -130,7 +131,8 @@ fn no_picture(headers: &[Header]) -> String {
         return "deep images are not supported: flatten it".into();
     };
     const SHOWN: usize = 8;
-    let names: Vec<_> = header.channels.list.iter().take(SHOWN).map(|c| c.name.to_string()).collect();
+    let shown = header.channels.list.iter().take(SHOWN);
+    let names: Vec<String> = shown.map(|c| c.name.to_string().escape_debug().to_string()).collect();
     let more = if header.channels.list.len() > SHOWN { ", …" } else { "" };
     format!(
         "its channels are {}{more}: save it with channels R, G and B, or with Y or R alone",
@@ -144,8 +146,8 @@ const LEAST_BYTES: u64 = (1 << 24) / super::MAX_PIXELS_PER_BYTE + 1;
 /// Blocks of so many bytes may lie in a file of any length.
 const SMALL_BLOCK: u128 = 1 << 28;
 
-/// The `exr` crate asks for as much memory as a block claims to need, up to the size of a tile or a run of lines, which may
-/// be far larger than the picture.
+/// The `exr` crate asks for as much memory as a block claims to need, up to the size of a tile or a run of
+/// lines, which may be far larger than the picture.
 fn check_blocks(headers: &[Header], bytes: u64) -> Result<(), String> {
     // DEFLATE packs at most 1032 bytes into one.
     let most = SMALL_BLOCK.max(1032 * bytes as u128);
@@ -301,8 +303,8 @@ fn to_half(x: f32) -> ex::f16 {
     ex::f16::from_f32(if x.is_finite() { x.clamp(-65504.0, 65504.0) } else { x })
 }
 
-/// Puts the attributes of the (first) header in order of name: the library keeps them in a hash map, so two equal
-/// images would differ in bytes. Leaves the file as it is if it is not laid out as expected.
+/// Puts the attributes of the (first) header in order of name: the library keeps them in a hash map, so two
+/// equal images would differ in bytes. Leaves the file as it is if it is not laid out as expected.
 fn sort_attributes(bytes: &mut [u8]) {
     const START: usize = 8;
     let text_end = |from: usize| Some(from + bytes.get(from..)?.iter().position(|&b| b == 0)?);
@@ -382,7 +384,8 @@ pub(super) mod tests {
         assert!(write_exr(&path, &[layer("", &a), layer("", &a)], &metadata, SampleType::Half).is_err());
     }
 
-    /// Every lossless and lossy compression, tiles, a shifted data window, other sample types, grey, several parts.
+    /// Every lossless and lossy compression, tiles, a shifted data window, other sample types, grey, several
+    /// parts.
     pub(in crate::image_io) fn zoo(dir: &Path) -> Vec<(PathBuf, bool)> {
         use ex::Compression as C;
         let image = noise(40, 33);
@@ -531,8 +534,8 @@ pub(super) mod tests {
         }
     }
 
-    /// Channel number i of a part holds i + 1. What Mitsuba 3.9.1 reads it reads as these; it refuses a lone channel
-    /// that is not Y, and several layers.
+    /// Channel number i of a part holds i + 1. What Mitsuba 3.9.1 reads it reads as these; it refuses a lone
+    /// channel that is not Y, and several layers.
     #[test]
     fn channels_of_any_name() {
         let dir = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! Radiance HDR. The header is read here, as the `image` crate takes one form of it only; the crate decodes the
-//! scanlines.
+//! Radiance HDR. The header is read here, as the `image` crate takes one form of it only; the crate decodes
+//! the scanlines.
 //!
 //! EXPOSURE and COLORCORR have no effect, as in Mitsuba: values are taken as they are stored.
 

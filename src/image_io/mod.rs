@@ -81,10 +81,10 @@ pub fn linear_to_srgb(x: f32) -> f32 {
     if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Reads an image of any supported format (OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR) as linear RGB. 8- and 16-bit
-/// formats are taken as sRGB-encoded. Of an EXR file it takes channels R, G, B, else X, Y, Z, else Y, else the first
-/// layer with `name.R`, `name.G`, `name.B` or `name.Y`, else R alone or what is the only channel, and places them in
-/// the display window. Alpha is dropped.
+/// Reads an image of any supported format (OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR) as linear RGB. 8- and
+/// 16-bit formats are taken as sRGB-encoded. Of an EXR file it takes channels R, G, B, else X, Y, Z, else Y,
+/// else the first layer with `name.R`, `name.G`, `name.B` or `name.Y`, else R alone or what is the only
+/// channel, and places them in the display window. Alpha is dropped.
 ///
 /// # Errors
 /// [`Error::File`] if it is missing, damaged, larger than [`MAX_PIXELS`] or of an unknown format.
@@ -170,8 +170,8 @@ fn read_other(path: &Path, encoding: Encoding) -> std::result::Result<Image, Str
     match reader.format() {
         None => Err("unknown format; use OpenEXR, PNG, JPEG, BMP, TGA or Radiance HDR".into()),
         Some(ImageFormat::Jpeg) => {
-            // zune-jpeg 0.4 waits for ever for the end of a JPEG that is cut off behind a restart marker. What comes
-            // after the first end is not looked at.
+            // zune-jpeg 0.4 waits for ever for the end of a JPEG that is cut off behind a restart marker.
+            // What comes after the first end is not looked at.
             let mut file = fs::read(path).map_err(|e| reason(&e))?;
             file.extend(JPEG_END);
             decode(ImageReader::with_format(Cursor::new(file), ImageFormat::Jpeg), bytes, encoding)
@@ -255,8 +255,8 @@ pub fn check_writable(path: &Path) -> Result<()> {
         .map_err(|e| cannot_write(path, &e))
 }
 
-/// Writes a file through a temporary one in the same directory, so that there is always either the old content or all
-/// of the new. Devices and pipes are written directly.
+/// Writes a file through a temporary one in the same directory, so that there is always either the old
+/// content or all of the new. Devices and pipes are written directly.
 ///
 /// # Errors
 /// [`Error::Runtime`] if it cannot be written; the old file stays, and nothing else is left behind.
@@ -350,8 +350,8 @@ mod tests {
         }
     }
 
-    /// Cut off at any place and with random bytes anywhere, a file is read or refused, never a panic. (A panic that
-    /// is caught gives the message looked for here.)
+    /// Cut off at any place and with random bytes anywhere, a file is read or refused, never a panic. (A
+    /// panic that is caught gives the message looked for here.)
     #[test]
     fn damaged_files_are_errors() {
         let dir = tempfile::tempdir().unwrap();

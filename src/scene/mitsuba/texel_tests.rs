@@ -6,9 +6,9 @@ use crate::scene::load;
 use crate::{Error, Result};
 use std::fs;
 
-/// Loads a scene of version `version`; `t.exr` has this value in texel (2, 1), `m.ply` as the colour and as `vertex_a`
-/// of vertex 1. `BITMAP` in the body stands for a texture of that file, but for its name; the line after the first
-/// has to be the one that errors name.
+/// Loads a scene of version `version`; `t.exr` has this value in texel (2, 1), `m.ply` as the colour and as
+/// `vertex_a` of vertex 1. `BITMAP` in the body stands for a texture of that file, but for its name; the line
+/// after the first has to be the one that errors name.
 fn load_with(value: f32, version: &str, body: &str) -> Result<()> {
     let folder = tempfile::tempdir().unwrap();
     let mut pixels = vec![Rgb::splat(0.5); 12];
