@@ -93,7 +93,8 @@ pub(super) fn probe(
 /// The height above `x`, a point of the tangent plane at distance `rho`, that is reached from the place itself.
 fn reach(place: &Place, n: Vec3, x: Vec3, rho: f32) -> Option<f32> {
     let clear = |ray: &Ray| !place.scene.occluded(ray);
-    let low = rho * SLOPE;
+    // A flat surface is reached along itself, also below another layer; a curved one may bulge.
+    let low = if place.facet.is_some() { 2.0 * place.offset() } else { rho * SLOPE };
     if clear(&place.spawn_to(x + n * low)) {
         return Some(low);
     }

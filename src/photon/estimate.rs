@@ -166,6 +166,11 @@ impl<'a> Place<'a> {
         Place { scene, p, n_g, tag: s.tag(), facet, magnitude }
     }
 
+    /// By how far rays start off the surface.
+    pub(super) fn offset(&self) -> f32 {
+        (offset_origin(Vec3::ZERO, self.n_g, self.n_g, self.magnitude)).length()
+    }
+
     /// A ray to `target`, a point off the surface.
     pub(super) fn spawn_to(&self, target: Vec3) -> Ray {
         let o = offset_origin(self.p, self.n_g, target - self.p, self.magnitude);
