@@ -68,7 +68,8 @@ pub(super) fn cannot_read(path: &Path, error: &std::io::Error) -> Error {
     Error::File { file: path.into(), message: format!("cannot read the mesh: {error}") }
 }
 
-/// Cuts text into pieces for threads to share, where a record ends: `end` is the first end at or after a place.
+/// Cuts text into pieces for threads to share, where a record ends: `end` is the first end at or after a
+/// place.
 pub(super) fn pieces(
     text: &[u8],
     end: impl Fn(&[u8], usize) -> Option<usize>,

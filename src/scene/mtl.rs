@@ -247,8 +247,8 @@ impl Builder {
     }
 }
 
-/// The files that a `mtllib` statement names: one whose name may hold spaces, or several. Each takes as few words
-/// as make the name of a file.
+/// The files that a `mtllib` statement names: one whose name may hold spaces, or several. Each takes as few
+/// words as make the name of a file.
 fn library_files(names: &str, folder: &Path) -> Vec<PathBuf> {
     let file = |name: &str| folder.join(name.replace('\\', "/"));
     let mut files = Vec::new();

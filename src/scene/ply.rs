@@ -1,5 +1,5 @@
-//! Stanford PLY meshes: ASCII and binary of either byte order, properties in any order, polygons, triangle strips,
-//! texture coordinates of vertices or (MeshLab) of faces' corners.
+//! Stanford PLY meshes: ASCII and binary of either byte order, properties in any order, polygons, triangle
+//! strips, texture coordinates of vertices or (MeshLab) of faces' corners.
 //!
 //! A file is read block by block, and each block in parallel: records are laid out alike as long as their lists are of
 //! equal length, which they mostly are.
@@ -839,7 +839,8 @@ fn read_faces<S: Source>(
     Ok(())
 }
 
-/// Strips: each vertex makes a triangle with the two before it, every other one turned around; −1 ends a strip.
+/// Strips: each vertex makes a triangle with the two before it, every other one turned around; −1 ends a
+/// strip.
 fn read_strips<S: Source>(element: &Element, source: &mut S, mesh: &mut Mesh) -> Result<()> {
     let Some(list) = find_list(element, &INDICES) else {
         return Err(source.error(0, "the strips have no list 'vertex_indices'".into()));
@@ -1069,7 +1070,8 @@ mod tests {
         assert!(read_bytes(quad.as_bytes()).unwrap().attributes.is_empty(), "nobody asked");
     }
 
-    /// Vertices, and elements with lists of indices (`int`) and perhaps of texture coordinates, in all three formats.
+    /// Vertices, and elements with lists of indices (`int`) and perhaps of texture coordinates, in all three
+    /// formats.
     fn formats(vertices: &[&[f32]], elements: &[(&str, &[Vec<Vec<f32>>])]) -> [Vec<u8>; 3] {
         ["ascii", "binary_little_endian", "binary_big_endian"].map(|format| {
             let names = ["x", "y", "z", "u", "v"];

@@ -1,8 +1,9 @@
 //! Polygons as triangles.
 //!
-//! Readers store a polygon of n corners as a fan of n − 2 triangles around its first corner, which is right if all of
-//! it is seen from there, as of every convex one. [`Fans::fit`] finds those that are not, and cuts their ears instead
-//! (Meisters 1975, "Polygons Have Ears"). Their number stays, so what belongs to triangles by number stays in place.
+//! Readers store a polygon of n corners as a fan of n − 2 triangles around its first corner, which is right
+//! if all of it is seen from there, as of every convex one. [`Fans::fit`] finds those that are not, and cuts
+//! their ears instead (Meisters 1975, "Polygons Have Ears"). Their number stays, so what belongs to triangles
+//! by number stays in place.
 
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
@@ -212,8 +213,8 @@ impl Ring {
         let mut left = n;
         // What has no area goes first: it hides which side is inside.
         let mut candidates: VecDeque<usize> = (0..n).filter(|&i| self.is_spike(i)).chain(0..n).collect();
-        // Whether a corner is an ear changes with its neighbours alone, but for those that touch others' edges: all
-        // are tried again, not for ever.
+        // Whether a corner is an ear changes with its neighbours alone, but for those that touch others'
+        // edges: all are tried again, not for ever.
         let mut tries = 16 * n;
         let mut left_before = n + 1;
         let mut corner = 0;
@@ -282,8 +283,8 @@ impl Ring {
         is_convex && !self.boxes.any(&ear, |other| self.is_in_the_way(other, &ear)) || self.is_spike(i)
     }
 
-    /// Whether a corner lies in an ear, its outline included, but for its ends. One that lies on its tip does if the
-    /// polygon goes on into the ear from there.
+    /// Whether a corner lies in an ear, its outline included, but for its ends. One that lies on its tip does
+    /// if the polygon goes on into the ear from there.
     fn is_in_the_way(&self, other: usize, &[a, b, c]: &[DVec2; 3]) -> bool {
         let p = self.points[other];
         let is_within = |p| area(a, b, p) > 0.0 && area(b, c, p) > 0.0;
