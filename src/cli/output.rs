@@ -95,7 +95,7 @@ pub(super) struct Stats<'a> {
     rays_per_second: f64,
     photons: PhotonCounts,
     skipped: &'a [Skipped],
-    dropped_samples: u64,
+    dropped: u64,
     /// Gives `lights`, `lights_left_out`, `casters`, `casters_left_out`.
     #[serde(flatten)]
     survey: &'a Survey,
@@ -155,7 +155,7 @@ impl<'a> Stats<'a> {
             rays_per_second: *rays as f64 / seconds.rendering.max(1e-9),
             photons: *photons,
             skipped,
-            dropped_samples: *dropped,
+            dropped: *dropped,
             survey,
             estimated_relative_error: rendering.error.total(),
             estimated_noise: rendering.error.noise,
@@ -186,12 +186,12 @@ impl<'a> Stats<'a> {
             self.rays_per_second * 1e-6,
             self.peak_rss_bytes >> 20
         ));
-        if self.dropped_samples > 0 {
-            let n = self.dropped_samples;
+        if self.dropped > 0 {
+            let n = self.dropped;
             verbosity.note(
                 "warning: ",
                 &format!(
-                    "{n} camera samples came to no finite number and were left out; please report the scene"
+                    "{n} contributions of camera samples or photons came to no finite number and were left out; please report the scene"
                 ),
             );
         }

@@ -271,8 +271,15 @@ pub fn replace_file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io:
         File::options().write(true).open(&target.path).and_then(finish).map(drop)
     } else {
         temporary(&target.path).and_then(|(file, name)| {
-            let done =
-                finish(file).and_then(|file| file.sync_all()).and_then(|()| fs::rename(&name, &target.path));
+            // Who may read and write a file is for its owner to say, not for who replaces it.
+            let keep_mode = |file: File| match fs::metadata(&target.path) {
+                Ok(old) => file.set_permissions(old.permissions()).map(|()| file),
+                Err(_) => Ok(file),
+            };
+            let done = finish(file)
+                .and_then(keep_mode)
+                .and_then(|file| file.sync_all())
+                .and_then(|()| fs::rename(&name, &target.path));
             if done.is_err() {
                 // The first error is the one to report.
                 let _ = fs::remove_file(&name);
@@ -510,6 +517,21 @@ mod tests {
         for i in 0..=1000 {
             let x = i as f32 / 1000.0;
             assert!((srgb_to_linear(linear_to_srgb(x)) - x).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_replaced_file_keeps_its_mode() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        for mode in [0o600, 0o664, 0o444] {
+            write_png(&path, &noise(3, 2), 0.0).unwrap();
+            fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+            write_png(&path, &noise(2, 3), 0.0).unwrap();
+            assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, mode);
+            assert_eq!(read(&path).unwrap().height, 3);
+            fs::remove_file(&path).unwrap();
         }
     }
 

@@ -35,6 +35,8 @@ pub(super) struct MapStats {
     pub(super) emitted: u64,
     pub(super) global_stored: u64,
     pub(super) caustic_stored: u64,
+    /// Photons whose flux was no finite number.
+    pub(super) dropped: u64,
 }
 
 /// √∏_{j=1}^{pass} (j−1+α)/j, with α the parameter: what remains of the first pass' radius (Knaus & Zwicker 2011,
@@ -97,6 +99,7 @@ impl Maps {
                 let map = PhotonMap::of_packed(traced.photons);
                 stats.seconds_maps += start.elapsed().as_secs_f64();
                 stats.rays += traced.rays;
+                stats.dropped += traced.dropped;
                 stats.emitted += emission.count;
                 let stored = map.len() as u64;
                 (map, stored)

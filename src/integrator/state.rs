@@ -58,7 +58,7 @@ pub struct Statistics {
     pub photons: PhotonCounts,
     /// Stages that were not needed.
     pub skipped: Vec<Skipped>,
-    /// Camera samples that were left out because they came to no finite number.
+    /// Camera samples and photons that were left out because they came to no finite number.
     #[serde(default)]
     pub dropped: u64,
     /// What photons sent ahead tell of lights and of what casts caustics.
@@ -333,6 +333,7 @@ impl State {
             stats.seconds.photons += m.seconds_photons;
             stats.seconds.maps += m.seconds_maps;
             stats.rays += m.rays;
+            stats.dropped += m.dropped;
             stats.photons.emitted += m.emitted;
             stats.photons.global_stored += m.global_stored;
             stats.photons.caustic_stored += m.caustic_stored;

@@ -34,6 +34,8 @@ pub struct Traced<'a> {
     pub met: Vec<u32>,
     /// Rays traced.
     pub rays: u64,
+    /// Photons left out because their flux was no finite number.
+    pub dropped: u64,
 }
 
 /// What the flux of a photon that came from `wo` and leaves along `wi` (both world, away from the surface) must be
@@ -110,6 +112,7 @@ pub fn trace<'a>(scene: &'a Scene, seed: u64, pass: u32, emission: &Emission) ->
         all.splats.extend_from_slice(&batch.splats);
         all.sites.extend_from_slice(&batch.sites);
         all.rays += batch.rays;
+        all.dropped += batch.dropped;
     }
     all
 }
@@ -173,7 +176,9 @@ pub(super) fn fly<'a>(
             }
         } else if s.bsdf.has_smooth() {
             let mut push = |flux: Rgb, caustic| {
-                if flux.max_element() > 0.0 {
+                if !flux.is_finite() {
+                    out.dropped += 1;
+                } else if flux.max_element() > 0.0 {
                     let photon =
                         Photon { p: s.p, wi, n_g: s.n_g, tag: s.tag(), flux, depth: depth as u8, caustic };
                     out.photons.push(photon.into());
