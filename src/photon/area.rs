@@ -17,7 +17,7 @@ const SLOPE: f32 = 1.0 / 3.0;
 const OVER: f32 = 1.5;
 
 /// Probes that are given up after.
-const MOST: u32 = 64;
+const MOST: u32 = 32;
 
 /// What a kernel's integral over its disk and that over the surface differ by.
 pub(super) struct Probed {
@@ -44,7 +44,7 @@ pub(super) fn probe(
     wanted: u32,
     photons: impl Fn(Vec3, &dyn Fn(Vec3) -> bool) -> bool,
 ) -> Probed {
-    let mut random = Random::new(place.p, r);
+    let mut random = Random::new(place.p / place.magnitude);
     let (s, t) = n.any_orthonormal_pair();
     let side = Direction::new(place.n_g);
     let (mut probes, mut finds) = (0, 0);
@@ -117,9 +117,12 @@ fn find(place: &Place, side: &Direction, down: &Ray) -> Option<(f32, f32)> {
 struct Random(u32);
 
 impl Random {
-    fn new(p: Vec3, r: f32) -> Random {
-        let mix = |h: u32, x: f32| (h ^ x.to_bits()).wrapping_mul(0x9e37_79b1).rotate_left(15);
-        Random([p.x, p.y, p.z, r].into_iter().fold(0x85eb_ca6b, mix))
+    /// For a place whose coordinates are of magnitude 1. In cells of 2⁻¹⁶, so that rounding seldom shows.
+    fn new(p: Vec3) -> Random {
+        let mix = |h: u32, x: f32| {
+            (h ^ (x * 65_536.0).round() as i32 as u32).wrapping_mul(0x9e37_79b1).rotate_left(15)
+        };
+        Random(p.to_array().into_iter().fold(0x85eb_ca6b, mix))
     }
 
     /// In [0, 1): PCG's output over a step of an LCG (O'Neill 2014).

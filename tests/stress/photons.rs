@@ -12,7 +12,15 @@ use std::f32::consts::PI;
 const R_MAX: f32 = 0.5;
 
 fn photon(x: f32, y: f32) -> Photon {
-    Photon { p: Vec3::new(x, y, 0.0), wi: Vec3::Z, n_g: Vec3::Z, flux: Rgb::ONE, depth: 1, caustic: false }
+    Photon {
+        p: Vec3::new(x, y, 0.0),
+        wi: Vec3::Z,
+        n_g: Vec3::Z,
+        tag: 0,
+        flux: Rgb::ONE,
+        depth: 1,
+        caustic: false,
+    }
 }
 
 /// What 50 of these photons show at points around the origin of a white floor: the radiance of each kernel, wide.
