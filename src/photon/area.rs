@@ -44,7 +44,7 @@ pub(super) fn probe(
     wanted: u32,
     photons: impl Fn(Vec3, &dyn Fn(Vec3) -> bool) -> bool,
 ) -> Probed {
-    let mut random = Random::new(place.p / place.magnitude);
+    let mut random = Random::new(place.p / place.scene.bounds.radius());
     let (s, t) = n.any_orthonormal_pair();
     let side = Direction::new(place.n_g);
     let (mut probes, mut finds) = (0, 0);
@@ -106,21 +106,22 @@ fn reach(place: &Place, n: Vec3, x: Vec3, rho: f32) -> Option<f32> {
 
 /// If the surface goes on where `down` meets it, the squared distance there, and its area per area of the tangent plane.
 fn find(place: &Place, side: &Direction, down: &Ray) -> Option<(f32, f32)> {
-    let hit = place.scene.intersect(down)?;
-    let (p, n_g, tag) = place.scene.geometric(down, &hit);
-    let d2 = p.distance_squared(place.p);
-    let is_own = place.is_beside(p, d2, |own| own == tag) && side.agrees(encode8(n_g), 0.7);
-    is_own.then(|| (d2, 1.0 / n_g.dot(down.d).abs().max(0.1)))
+    place.scene.find_hit(down, |ray, hit| {
+        let (p, n_g, tag) = place.scene.geometric(ray, hit);
+        let d2 = p.distance_squared(place.p);
+        let is_own = place.is_beside(p, d2, |own| own == tag) && side.agrees(encode8(n_g), 0.7);
+        is_own.then(|| (d2, 1.0 / n_g.dot(down.d).abs().max(0.1)))
+    })
 }
 
 /// Numbers that depend on a place alone, so that estimates do.
 struct Random(u32);
 
 impl Random {
-    /// For a place whose coordinates are of magnitude 1. In cells of 2⁻¹⁶, so that rounding seldom shows.
+    /// For a place in a scene of radius 1. In cells of 2⁻¹¹, so that rounding seldom shows.
     fn new(p: Vec3) -> Random {
         let mix = |h: u32, x: f32| {
-            (h ^ (x * 65_536.0).round() as i32 as u32).wrapping_mul(0x9e37_79b1).rotate_left(15)
+            (h ^ (x * 2_048.0).round() as i32 as u32).wrapping_mul(0x9e37_79b1).rotate_left(15)
         };
         Random(p.to_array().into_iter().fold(0x85eb_ca6b, mix))
     }

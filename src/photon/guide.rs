@@ -67,11 +67,16 @@ impl Guide {
 
     /// What `pilots` have learnt, but for the share `uniform` of all photons, which start as if nothing were known. `None` if no
     /// pilot was worth anything.
-    pub(super) fn of(pilots: &mut [Pilot], uniform: f32, targets: Option<Targets>) -> Option<Guide> {
+    pub(super) fn of(
+        pilots: &mut [Pilot],
+        uniform: f32,
+        norm: Norm,
+        targets: Option<Targets>,
+    ) -> Option<Guide> {
         let mut nodes = vec![LEAF];
         let mut masses = vec![0.0];
-        let whole = mean(pilots, 0.0);
-        let total = grow(pilots, &mut nodes, &mut masses, 0, whole, [0.0; AXES], [1.0; AXES]);
+        let whole = norm.mean(pilots, 0.0);
+        let total = grow(norm, pilots, &mut nodes, &mut masses, 0, whole, [0.0; AXES], [1.0; AXES]);
         if !(total > 0.0 && total.is_finite()) {
             return None;
         }
@@ -114,6 +119,7 @@ const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
 /// Divides a node as long as that is worth while; returns its mass, ∫ worth over its volume.
 fn grow(
+    norm: Norm,
     pilots: &mut [Pilot],
     nodes: &mut Vec<Node>,
     masses: &mut Vec<f32>,
@@ -122,15 +128,16 @@ fn grow(
     low: [f32; AXES],
     size: [f32; AXES],
 ) -> f32 {
-    let here = mean(pilots, around);
+    let here = norm.mean(pilots, around);
     masses[node] = size.iter().product::<f32>() * here;
     if pilots.len() < MIN_PHOTONS {
         return masses[node];
     }
-    // What parts differ by for chance alone: χ² of so many parts, over twice the number of photons that are worth as much.
+    // Half of what parts differ by for chance alone: χ² of so many parts, over twice the number of photons that are worth as much.
+    // (measured: all of it leaves ring's tree too coarse, see tests/aiming.rs)
     let (sum, squares) =
         pilots.iter().fold((0.0f32, 0.0f32), |(sum, sq), p| (sum + p.worth, sq + p.worth * p.worth));
-    let doubt = if sum > 0.0 { 0.5 * (PARTS - 1) as f32 * squares / (sum * sum) } else { 0.0 };
+    let doubt = if sum > 0.0 { 0.25 * (PARTS - 1) as f32 * squares / (sum * sum) } else { 0.0 };
     let gains: [f32; AXES] = std::array::from_fn(|a| gain(pilots, a, low[a], size[a]) - doubt);
     let axis = (0..AXES).max_by(|&a, &b| gains[a].total_cmp(&gains[b])).unwrap_or(0);
     if gains[axis] * masses[node] < MIN_GAIN * masses[0] {
@@ -154,20 +161,37 @@ fn grow(
     half[axis] *= 0.5;
     let mut above = low;
     above[axis] = middle;
-    masses[node] = grow(lower, nodes, masses, child, here, low, half)
-        + grow(upper, nodes, masses, child + 1, here, above, half);
+    masses[node] = grow(norm, lower, nodes, masses, child, here, low, half)
+        + grow(norm, upper, nodes, masses, child + 1, here, above, half);
     masses[node]
 }
 
-/// Root mean square of what photons of a node are worth, if as many as [`PRIOR`] more had brought what those of the node
-/// `around` it do: where none of a few photons was useful, the next one may be, and would be blinding if it were thought
-/// impossible. The square, for in proportion to it the density leaves the least variance, also where few are worth much.
-fn mean(pilots: &[Pilot], around: f32) -> f32 {
-    let (squares, weight) = pilots.iter().fold((0.0, 0.0), |(squares, weight), p| {
-        (squares + p.worth * (p.worth / p.weight), weight + p.weight)
-    });
-    let n = pilots.len() as f32;
-    if weight > 0.0 { (n * (squares / weight).sqrt() + PRIOR * around) / (n + PRIOR) } else { around }
+/// How the worth of a node follows from that of its photons.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Norm {
+    /// Its mean, so that photons become equally bright: where most photons of a node are worthless, they are few.
+    Mean,
+    /// Its root mean square: in proportion to it the density leaves the least variance, also where few are worth much.
+    RootMeanSquare,
+}
+
+impl Norm {
+    /// Over the photons of a node, if as many as [`PRIOR`] more had brought what those of the node `around` it do: where none of a
+    /// few photons was useful, the next one may be, and would be blinding if it were thought impossible.
+    fn mean(self, pilots: &[Pilot], around: f32) -> f32 {
+        let worth = |p: &Pilot| match self {
+            Norm::Mean => p.worth,
+            Norm::RootMeanSquare => p.worth * (p.worth / p.weight),
+        };
+        let (sum, weight) =
+            pilots.iter().fold((0.0, 0.0), |(sum, weight), p| (sum + worth(p), weight + p.weight));
+        let n = pilots.len() as f32;
+        let own = match self {
+            Norm::Mean => sum / weight,
+            Norm::RootMeanSquare => (sum / weight).sqrt(),
+        };
+        if weight > 0.0 { (n * own + PRIOR * around) / (n + PRIOR) } else { around }
+    }
 }
 
 /// Relative entropy of the worth over equal parts of an axis.

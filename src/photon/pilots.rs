@@ -1,7 +1,7 @@
 //! A few photons sent ahead, which find out what photons are worth: a [`Guide`] for those to come, and of every light and
 //! everything sharp, whether it takes part in the picture at all.
 
-use super::guide::{Guide, Pilot};
+use super::guide::{Guide, Norm, Pilot};
 use super::importance::Importance;
 use super::kdtree::KnnHeap;
 use super::map::Packed;
@@ -133,6 +133,8 @@ impl Learnt {
             lights: vec![Tally::default(); scene.lights.lights().len()],
             casters: vec![Tally::default(); scene.geometry.shapes.len()],
         };
+        // Caustics are aimed at: what misses everything sharp is lost (tests/aiming.rs).
+        let norm = if store == Store::Caustic { Norm::Mean } else { Norm::RootMeanSquare };
         let uniform = UNIFORM[usize::from(store != Store::Caustic)];
         for round in 0..rounds.most {
             let emission = Emission {
@@ -142,7 +144,7 @@ impl Learnt {
             };
             let mut sent = send(scene, importance, &emission, round);
             learnt.count(scene, store, &sent);
-            let found = Guide::of(&mut pilots(&sent, store), uniform, targets.clone());
+            let found = Guide::of(&mut pilots(&sent, store), uniform, norm, targets.clone());
             if store != Store::Caustic {
                 let photons = sent.iter_mut().flat_map(|sent| std::mem::take(&mut sent.photons)).collect();
                 importance.balance(scene, photons, emission.count);

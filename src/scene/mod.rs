@@ -267,9 +267,28 @@ impl Scene {
         self.intersector.intersect(ray)
     }
 
-    /// Whether anything lies on the ray, whatever it is made of.
+    /// Whether anything without holes lies on the ray.
     pub fn occluded(&self, ray: &Ray) -> bool {
-        self.intersector.occluded(ray)
+        match self.has_holes {
+            true => {
+                self.find_hit(ray, |_, hit| (!self.shape_holes[hit.shape as usize]).then_some(())).is_some()
+            }
+            false => self.intersector.occluded(ray),
+        }
+    }
+
+    /// What `look` says of the hits along a ray: the first `Some`. The ray ends at what has no holes.
+    pub fn find_hit<T>(&self, ray: &Ray, look: impl Fn(&Ray, &Hit) -> Option<T>) -> Option<T> {
+        let mut ray = *ray;
+        loop {
+            let hit = self.intersect(&ray)?;
+            let found = look(&ray, &hit);
+            if found.is_some() || !self.shape_holes[hit.shape as usize] {
+                return found;
+            }
+            let s = self.surface(&ray, &hit);
+            ray = Ray { t_max: ray.t_max - (s.p - ray.o).length(), ..s.spawn(ray.d) };
+        }
     }
 
     /// The nearest surface.
