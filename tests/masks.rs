@@ -84,11 +84,11 @@ fn light_comes_through_holes() {
             assert!(caustic == Vec3::ZERO, "{lamp}: what is only held back is no caustic, but {caustic}");
             mean(&rendering.image)
         };
-        let open = shown("", Kind::Path, 1024);
+        let open = shown("", Kind::Path, 512);
         for kind in [Kind::Path, Kind::Photonmap] {
             let bsdf = mask(&constant(0.25), "0");
             // So large that nothing gets by.
-            let through = shown(&sheet(3.2, 3000.0, &bsdf), kind, 256);
+            let through = shown(&sheet(3.2, 3000.0, &bsdf), kind, 128);
             let behind = lamp == POINT || lamp == LAMP || lamp.contains("spot");
             let expected = if behind { open } else { open * 0.75 };
             assert_close(
@@ -98,7 +98,7 @@ fn light_comes_through_holes() {
                 &format!("{kind:?} {lamp}, sheet behind the lamp or before it"),
             );
             if behind {
-                let below = shown(&sheet(1.2, 0.0005, &bsdf), kind, 256);
+                let below = shown(&sheet(1.2, 0.0005, &bsdf), kind, 128);
                 assert_close(below, open, 0.02, &format!("{kind:?} {lamp}, beside a tiny sheet"));
             }
         }
@@ -178,7 +178,7 @@ fn leaves_over_glass_in_an_instance_agree_with_paths() {
     let place = DAffine3::from_translation((0.0, 0.0, 1.3).into()) * DAffine3::from_rotation_z(0.4);
     description.geometry.instances.push(Instance::new(0, place));
     for backend in backends() {
-        assert_agree(&Scene::new(description.clone(), backend).unwrap(), [512, 48], backend.name());
+        assert_agree(&Scene::new(description.clone(), backend).unwrap(), [256, 24], backend.name());
     }
 }
 
@@ -195,7 +195,7 @@ fn layers_keep_their_light_apart() {
     let flat = [0.0, -0.0002].map(|z| sheet(z, 1.0, &mask(&constant(0.6), "0.6 0.5 0.4"))).concat();
     let backend = backends().next().unwrap();
     for (what, sheets) in [("flat", flat), ("curved", [curved(1.0), curved(0.9998)].concat())] {
-        assert_agree(&parse(&scene(&format!("{lamp}{sheets}")), 32, backend), [256, 32], what);
+        assert_agree(&parse(&scene(&format!("{lamp}{sheets}")), 32, backend), [128, 16], what);
     }
 }
 

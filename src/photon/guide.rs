@@ -76,7 +76,15 @@ impl Guide {
         let mut nodes = vec![LEAF];
         let mut masses = vec![0.0];
         let whole = norm.mean(pilots, 0.0);
-        let total = grow(norm, pilots, &mut nodes, &mut masses, 0, whole, [0.0; AXES], [1.0; AXES]);
+        let total = grow(
+            norm,
+            pilots,
+            &mut nodes,
+            &mut masses,
+            0,
+            whole,
+            Cell { low: [0.0; AXES], size: [1.0; AXES] },
+        );
         if !(total > 0.0 && total.is_finite()) {
             return None;
         }
@@ -117,6 +125,13 @@ impl Guide {
 
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
+/// The part of the unit cube that a node is for.
+#[derive(Clone, Copy)]
+struct Cell {
+    low: [f32; AXES],
+    size: [f32; AXES],
+}
+
 /// Divides a node as long as that is worth while; returns its mass, ∫ worth over its volume.
 fn grow(
     norm: Norm,
@@ -125,8 +140,7 @@ fn grow(
     masses: &mut Vec<f32>,
     node: usize,
     around: f32,
-    low: [f32; AXES],
-    size: [f32; AXES],
+    Cell { low, size }: Cell,
 ) -> f32 {
     let here = norm.mean(pilots, around);
     masses[node] = size.iter().product::<f32>() * here;
@@ -161,8 +175,8 @@ fn grow(
     half[axis] *= 0.5;
     let mut above = low;
     above[axis] = middle;
-    masses[node] = grow(norm, lower, nodes, masses, child, here, low, half)
-        + grow(norm, upper, nodes, masses, child + 1, here, above, half);
+    masses[node] = grow(norm, lower, nodes, masses, child, here, Cell { low, size: half })
+        + grow(norm, upper, nodes, masses, child + 1, here, Cell { low: above, size: half });
     masses[node]
 }
 
