@@ -365,56 +365,48 @@ mod tests {
         targets(vec![world]).learnt(&seen, world).unwrap()
     }
 
-    /// Of lines and of directions from afar: their means of 1 and of what only holds near what is seen, over the stated pdf,
+    /// Of lines and of directions from afar, the means of 1 and of what only holds near what is seen, over the stated pdf,
     /// are the integrals; and many of them go there.
     #[test]
     fn learnt_targets_have_the_stated_density() {
+        const N: u64 = 1 << 16;
+        const R: f32 = 0.4;
         let targets = learnt();
-        let n = 1 << 16;
-        let is_near = |o: Vec3, d: Vec3, r: f32| {
-            [Vec3::new(3.0, 2.0, 1.0), Vec3::new(-5.0, 0.0, 6.0)]
-                .iter()
-                .any(|&c| (c - o).cross(d).length_squared() < r * r)
-        };
-        let in_world = |o: Vec3, d: Vec3| o.cross(d).length() <= targets.spheres[0].radius;
-        let check = |name: &str, sampled: f64, brute: f64| {
-            assert!((sampled / brute - 1.0).abs() < 0.02, "{name}: {sampled} {brute}");
-        };
+        let seen = [Vec3::new(3.0, 2.0, 1.0), Vec3::new(-5.0, 0.0, 6.0)];
+        let is_near = |o: Vec3, d: Vec3, r: f32| seen.iter().any(|&c| (c - o).cross(d).length() < r);
+        let whole = targets.spheres[0];
+        let in_world = |o: Vec3, d: Vec3| (whole.center - o).cross(d).length() <= whole.radius * 1.0001;
         let d = Vec3::new(0.1, 0.9, -0.4).normalize();
-        let frame = Frame::from_normal(d);
         let far = Vec3::new(60.0, -10.0, 20.0);
         let aim = targets.aim_from(far, None).unwrap();
-        let axis = Frame::from_normal(-far.normalize());
-        let mut sums = [0.0f64; 8];
-        let mut near = [0u32; 2];
-        for i in 0..n {
+        let mut sums = [0.0f64; 4];
+        let mut near = [0u64; 2];
+        for i in 0..N {
             let u = Sampler::new(3, Stream::CausticPhotons, 2, i).next_2d();
-            let (p, pdf_a) = targets.sample_line(d, 1.0, u).unwrap();
-            assert!(in_world(p, d) && p.dot(d).abs() < 1e-3);
-            sums[0] += 1.0 / f64::from(pdf_a);
-            sums[1] += f64::from(u8::from(is_near(p, d, 0.4))) / f64::from(pdf_a);
-            near[0] += u32::from(is_near(p, d, 0.8));
-            let q = frame.s * (40.0 * u.x - 20.0) + frame.t * (40.0 * u.y - 20.0);
-            sums[2] += 1600.0 * f64::from(u8::from(in_world(q, d)));
-            let small = frame.s * (20.0 * u.x - 10.0) + frame.t * (20.0 * u.y - 10.0);
-            sums[3] += 400.0 * f64::from(u8::from(is_near(small, d, 0.4)));
-
-            let (w, pdf_w) = aim.sample(u).unwrap();
-            sums[4] += 1.0 / f64::from(pdf_w);
-            sums[5] += f64::from(u8::from(is_near(far, w, 0.4))) / f64::from(pdf_w);
-            near[1] += u32::from(is_near(far, w, 0.8));
-            let cone = axis.to_world(warp::cone(u, 0.06));
-            let whole = 2.0 * std::f64::consts::PI * 0.06;
-            sums[6] += whole * f64::from(u8::from((-far).cross(cone).length() <= targets.spheres[0].radius));
-            sums[7] += whole * f64::from(u8::from(is_near(far, cone, 0.4)));
+            let line = targets.sample_line(d, 1.0, u).map(|(p, pdf_a)| (p, d, pdf_a)).unwrap();
+            let direction = aim.sample(u).map(|(w, pdf_w)| (far, w, pdf_w)).unwrap();
+            for (k, (o, d, pdf)) in [line, direction].into_iter().enumerate() {
+                assert!(in_world(o, d));
+                sums[2 * k] += 1.0 / f64::from(pdf);
+                sums[2 * k + 1] += if is_near(o, d, R) { 1.0 / f64::from(pdf) } else { 0.0 };
+                near[k] += u64::from(is_near(o, d, 2.0 * R));
+            }
         }
-        let [line, near_line, brute, near_brute, w, near_w, brute_w, near_brute_w] =
-            sums.map(|s| s / n as f64);
-        check("lines", line, brute);
-        check("lines near what is seen", near_line, near_brute);
-        check("directions", w, brute_w);
-        check("directions near what is seen", near_w, near_brute_w);
-        assert!(near.iter().all(|&near| near > n as u32 * 3 / 10), "{near:?}");
+        let disk = |r: f32| PI * r * r;
+        let cap = |c: Vec3, r: f32| {
+            2.0 * PI * (1.0 - (1.0 - f64::from(r * r / c.distance_squared(far))).sqrt()) as f32
+        };
+        let exact = [
+            disk(whole.radius),
+            2.0 * disk(R),
+            cap(whole.center, whole.radius),
+            seen.iter().map(|&c| cap(c, R)).sum(),
+        ];
+        for (sum, exact) in sums.iter().zip(exact) {
+            let off = sum / N as f64 / f64::from(exact) - 1.0;
+            assert!(off.abs() < 0.02, "{sums:?} over {N} are not {exact:?}: {off}");
+        }
+        assert!(near.iter().all(|&near| near > N * 3 / 10), "{near:?}");
     }
 
     /// Where all is seen, there is nothing to learn.
