@@ -24,8 +24,8 @@ fn scene(camera: &str, xml: &str) -> Scene {
     parse(&xml, SIZE, backends().next().unwrap())
 }
 
-/// Asserts that a render of 64 passes has the mean `exact`, within 1 %, and does not claim to be better than it is by more
-/// than a factor of two.
+/// Asserts that a render of 64 passes has the mean `exact`, within 1 %, and does not claim to be better than
+/// it is by more than a factor of two.
 #[track_caller]
 fn assert_honest(scene: &Scene, seed: u64, exact: f64, tolerance: f64) {
     let rendering = render_with(scene, &options(Kind::Photonmap, &[], seed, 64));
@@ -47,7 +47,8 @@ fn globe(center: &str, intensity: &str) -> String {
 
 const IN_GLOBE: &str = r#"origin="0, 0, 0.5" target="1, 0.2, 0.1" up="0, 0, 1""#;
 
-/// What all of the inside sends out: irradiance I/r² from the lamp, and 1/(1 − ρ) times as much by way of the walls.
+/// What all of the inside sends out: irradiance I/r² from the lamp, and 1/(1 − ρ) times as much by way of the
+/// walls.
 const GLOBE: f64 = 0.5 / PI * (1.0 / 4.0) / (1.0 - 0.5);
 
 #[test]
@@ -105,7 +106,8 @@ fn windowed(plane: f32) -> Scene {
     scene(r#"origin="2.5, -2.5, 2" target="-3, 2, 1" up="0, 0, 1""#, &xml)
 }
 
-/// Flux onto the floor of the room straight from the sky, of each of `passes`; and how many photons that were in all.
+/// Flux onto the floor of the room straight from the sky, of each of `passes`; and how many photons that were
+/// in all.
 fn onto_floor(scene: &Scene, guide: Option<&Guide>, count: u64, passes: u32) -> (Vec<f64>, usize) {
     let mut landed = 0;
     let flux = (0..passes).map(|pass| {
@@ -122,8 +124,9 @@ fn onto_floor(scene: &Scene, guide: Option<&Guide>, count: u64, passes: u32) -> 
     (flux.collect(), landed)
 }
 
-/// What comes in is what comes in of photons that know of nothing, within the 99.9 % confidence interval of the difference of two
-/// means of 16 values; and it is far more photons. On a plane of a kilometre they would be none at all.
+/// What comes in is what comes in of photons that know of nothing, within the 99.9 % confidence interval of
+/// the difference of two means of 16 values; and it is far more photons. On a plane of a kilometre they would
+/// be none at all.
 #[test]
 fn a_window_is_found_from_the_sky() {
     const T: f64 = 3.65;
@@ -145,7 +148,8 @@ fn a_window_is_found_from_the_sky() {
     assert!(landed > 200 && landed > 100 * landed_plain, "photons {landed} and {landed_plain}");
 }
 
-/// Three of four hundred lamps light the room that is seen: most photons are theirs, and every other lamp keeps some.
+/// Three of four hundred lamps light the room that is seen: most photons are theirs, and every other lamp
+/// keeps some.
 #[test]
 fn photons_go_to_the_three_lamps_that_are_seen() {
     let room = |x: f32, lamps: usize| {

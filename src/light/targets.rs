@@ -1,11 +1,11 @@
 //! Aiming photons: spheres around everything that can focus light, and how to emit towards them.
 //!
-//! Light whose *first* hit is a sharp surface meets one of the spheres, so emission may be confined to them and stays
-//! unbiased for caustics. Where spheres overlap as seen from the light, the density is the sum over all that hold the
-//! ray, whichever was chosen (one-sample balance heuristic).
+//! Light whose *first* hit is a sharp surface meets one of the spheres, so emission may be confined to them
+//! and stays unbiased for caustics. Where spheres overlap as seen from the light, the density is the sum over
+//! all that hold the ray, whichever was chosen (one-sample balance heuristic).
 //!
-//! Around what is seen there may be more spheres, of a higher density each: of the photons that the sky sends to a plain of
-//! a kilometre, a third go to the room that the camera is in ([`Targets::learnt`]).
+//! Around what is seen there may be more spheres, of a higher density each: of the photons that the sky sends
+//! to a plain of a kilometre, a third go to the room that the camera is in ([`Targets::learnt`]).
 
 use crate::math::{Discrete, Frame, warp};
 use crate::shape::Bounds;
@@ -41,8 +41,8 @@ impl Targets {
     /// How small these must be, all together, relative to the others, to be worth having.
     const MUCH_SMALLER: f32 = 0.25;
 
-    /// Spheres around the shapes with the given indices, bounds, and radii around the middle of these. Neighbours share a
-    /// sphere if there are many, or if that makes the total cross-section smaller.
+    /// Spheres around the shapes with the given indices, bounds, and radii around the middle of these.
+    /// Neighbours share a sphere if there are many, or if that makes the total cross-section smaller.
     pub fn new(shapes: impl Iterator<Item = (u32, Bounds, f32)>) -> Targets {
         let shapes = shapes.filter(|(_, b, _)| !b.is_empty() && b.radius().is_finite());
         let mut boxes: Vec<Group> = shapes
@@ -70,11 +70,12 @@ impl Targets {
         Targets { spheres, bounding, by_cross_section }
     }
 
-    /// These targets, with two thirds of all photons going to spheres around the points `seen` (in the scene of bounds `world`):
-    /// to each with the same probability. `None` if these would not be much smaller.
+    /// These targets, with two thirds of all photons going to spheres around the points `seen` (in the scene
+    /// of bounds `world`): to each with the same probability. `None` if these would not be much smaller.
     ///
-    /// Half of them go to ever larger spheres around the middle of these points: light that comes from nearby by a detour, off
-    /// the ground before a window, would be rare and blinding beside photons that are a million times as dense.
+    /// Half of them go to ever larger spheres around the middle of these points: light that comes from nearby
+    /// by a detour, off the ground before a window, would be rare and blinding beside photons that are a
+    /// million times as dense.
     pub fn learnt(&self, seen: &[Vec3], world: Bounds) -> Option<Targets> {
         let all = [(0, world, world.radius())];
         let whole = Targets::new(all.into_iter());
@@ -113,7 +114,8 @@ impl Targets {
         self.spheres[..self.bounding].iter().map(|s| s.radius * s.radius).sum()
     }
 
-    /// Whether a sphere reaches before the plane through `p` with normal `n`, but for that of the shape `own`.
+    /// Whether a sphere reaches before the plane through `p` with normal `n`, but for that of the shape
+    /// `own`.
     pub(super) fn lie_before(&self, p: Vec3, n: Vec3, own: u32) -> bool {
         let reaches = |s: &Sphere| n.dot(s.center - p) > -s.radius;
         self.spheres[..self.bounding].iter().any(|s| s.shape != Some(own) && reaches(s))
@@ -130,8 +132,8 @@ impl Targets {
         self.spheres[..self.bounding].iter().any(meets)
     }
 
-    /// Aims from `p`, a point on the shape `own` if that cannot light itself; `None` if the spheres fill so much of the
-    /// view that there is nothing to gain.
+    /// Aims from `p`, a point on the shape `own` if that cannot light itself; `None` if the spheres fill so
+    /// much of the view that there is nothing to gain.
     pub(super) fn aim_from(&self, p: Vec3, own: Option<u32>) -> Option<Aim<'_>> {
         let aim = Aim { targets: self, p, own, total: 0.0 };
         let bounding = self.spheres[..self.bounding].iter().filter(|s| aim.counts(s));
@@ -140,8 +142,9 @@ impl Targets {
         (solid_angle > 0.0 && solid_angle < PI).then_some(Aim { total, ..aim })
     }
 
-    /// A point on the plane through the origin across the unit vector `d`, so that the line through it along `d` meets
-    /// a sphere; and the pdf per area. `None` if that would be no better than a disk of radius `world`.
+    /// A point on the plane through the origin across the unit vector `d`, so that the line through it along
+    /// `d` meets a sphere; and the pdf per area. `None` if that would be no better than a disk of radius
+    /// `world`.
     pub(super) fn sample_line(&self, d: Vec3, world: f32, u: Vec2) -> Option<(Vec3, f32)> {
         let is_learnt = self.bounding < self.spheres.len();
         if !is_learnt && self.cross_section() >= world * world {
@@ -268,8 +271,8 @@ fn best_merger(groups: &[Group]) -> Option<(usize, usize)> {
         .map(|(_, pair)| pair)
 }
 
-/// Halves the boxes at the middle of the widest spread of centres until `max` groups are left; each becomes the box
-/// around it.
+/// Halves the boxes at the middle of the widest spread of centres until `max` groups are left; each becomes
+/// the box around it.
 fn group(boxes: &mut [Group], max: usize, out: &mut Vec<Group>) {
     if boxes.len() <= max {
         out.extend_from_slice(boxes);
@@ -365,8 +368,8 @@ mod tests {
         targets(vec![world]).learnt(&seen, world).unwrap()
     }
 
-    /// Of lines and of directions from afar, the means of 1 and of what only holds near what is seen, over the stated pdf,
-    /// are the integrals; and many of them go there.
+    /// Of lines and of directions from afar, the means of 1 and of what only holds near what is seen, over
+    /// the stated pdf, are the integrals; and many of them go there.
     #[test]
     fn learnt_targets_have_the_stated_density() {
         const N: u64 = 1 << 16;

@@ -1,13 +1,15 @@
-//! Which of the random numbers that a photon starts from are worth drawing: those whose photons show in the picture, as a
-//! few photons sent ahead find out ([`super::pilots`]). Targets ([`crate::light::Targets`]) bound where such photons go and know
-//! nothing of what stands in the way, of lamps that turn away, or of the gaps in what they bound. The choice among lights
-//! is one of these numbers, so the one lamp of many whose light is seen gets the photons.
+//! Which of the random numbers that a photon starts from are worth drawing: those whose photons show in the
+//! picture, as a few photons sent ahead find out ([`super::pilots`]). Targets ([`crate::light::Targets`])
+//! bound where such photons go and know nothing of what stands in the way, of lamps that turn away, or of the
+//! gaps in what they bound. The choice among lights is one of these numbers, so the one lamp of many whose
+//! light is seen gets the photons.
 //!
-//! The five numbers of [`crate::light::Lights::sample_emission`] (light, position, direction) are the coordinates of a unit
-//! cube. A tree halves it where that tells useful from useless (as the spatial trees of Müller et al. 2017, "Practical Path
-//! Guiding", but over random numbers: Guo et al. 2018, "Primary Sample Space Path Guiding"), and its leaves are drawn
-//! from by what they have brought, so photons also become equally bright. A share of the density is
-//! uniform, so it is positive wherever a photon can start, and known exactly, so nothing is biased whatever was learnt.
+//! The five numbers of [`crate::light::Lights::sample_emission`] (light, position, direction) are the
+//! coordinates of a unit cube. A tree halves it where that tells useful from useless (as the spatial trees of
+//! Müller et al. 2017, "Practical Path Guiding", but over random numbers: Guo et al. 2018, "Primary Sample
+//! Space Path Guiding"), and its leaves are drawn from by what they have brought, so photons also become
+//! equally bright. A share of the density is uniform, so it is positive wherever a photon can start, and
+//! known exactly, so nothing is biased whatever was learnt.
 
 use crate::light::Targets;
 
@@ -17,9 +19,11 @@ pub(super) const AXES: usize = 5;
 const MIN_PHOTONS: usize = 48;
 /// What is known of a node without any photons weighs as much as so many.
 const PRIOR: f32 = 2.0;
-/// Parts of each axis that are told apart when one is chosen. More than two: a half may look like the other one.
+/// Parts of each axis that are told apart when one is chosen. More than two: a half may look like the other
+/// one.
 const PARTS: usize = 8;
-/// By how much the parts must differ beyond chance: their relative entropy, times the node's share of all worth.
+/// By how much the parts must differ beyond chance: their relative entropy, times the node's share of all
+/// worth.
 const MIN_GAIN: f32 = 2e-4;
 
 /// A density over the random numbers of emission.
@@ -65,8 +69,8 @@ impl Guide {
         self.targets.as_ref()
     }
 
-    /// What `pilots` have learnt, but for the share `uniform` of all photons, which start as if nothing were known. `None` if no
-    /// pilot was worth anything.
+    /// What `pilots` have learnt, but for the share `uniform` of all photons, which start as if nothing were
+    /// known. `None` if no pilot was worth anything.
     pub(super) fn of(pilots: &mut [Pilot], uniform: f32, targets: Option<Targets>) -> Option<Guide> {
         let mut nodes = vec![LEAF];
         let mut masses = vec![0.0];
@@ -127,7 +131,8 @@ fn grow(
     if pilots.len() < MIN_PHOTONS {
         return masses[node];
     }
-    // What parts differ by for chance alone: χ² of so many parts, over twice the number of photons that are worth as much.
+    // What parts differ by for chance alone: χ² of so many parts, over twice the number of photons that are
+    // worth as much.
     let (sum, squares) =
         pilots.iter().fold((0.0f32, 0.0f32), |(sum, sq), p| (sum + p.worth, sq + p.worth * p.worth));
     let doubt = if sum > 0.0 { 0.5 * (PARTS - 1) as f32 * squares / (sum * sum) } else { 0.0 };
@@ -159,9 +164,10 @@ fn grow(
     masses[node]
 }
 
-/// Root mean square of what photons of a node are worth, if as many as [`PRIOR`] more had brought what those of the node
-/// `around` it do: where none of a few photons was useful, the next one may be, and would be blinding if it were thought
-/// impossible. The square, for in proportion to it the density leaves the least variance, also where few are worth much.
+/// Root mean square of what photons of a node are worth, if as many as [`PRIOR`] more had brought what those
+/// of the node `around` it do: where none of a few photons was useful, the next one may be, and would be
+/// blinding if it were thought impossible. The square, for in proportion to it the density leaves the least
+/// variance, also where few are worth much.
 fn mean(pilots: &[Pilot], around: f32) -> f32 {
     let (squares, weight) = pilots.iter().fold((0.0, 0.0), |(squares, weight), p| {
         (squares + p.worth * (p.worth / p.weight), weight + p.weight)
