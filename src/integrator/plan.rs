@@ -1,4 +1,5 @@
-//! What a scene needs, derived before the first pass: stages that cannot contribute are skipped, with the reason.
+//! What a scene needs, derived before the first pass: stages that cannot contribute are skipped, with the
+//! reason.
 
 use super::{DirectLight, Kind, Options, Params, Skipped, Survey};
 use crate::photon::{Emission, Guide, Importance, Learnt, Store, Uses};

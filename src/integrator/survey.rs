@@ -1,5 +1,5 @@
-//! Which lights and which sharp surfaces take part in the picture, as far as photons sent ahead can tell, and why the
-//! others do not: what people ask who see no caustic.
+//! Which lights and which sharp surfaces take part in the picture, as far as photons sent ahead can tell, and
+//! why the others do not: what people ask who see no caustic.
 
 use crate::photon::{Learnt, Tally};
 use crate::scene::Scene;
@@ -124,8 +124,8 @@ impl Survey {
     }
 }
 
-/// The indices of those of which most is seen, and of those with the greatest `weight` of which nothing is; and how many are
-/// left.
+/// The indices of those of which most is seen, and of those with the greatest `weight` of which nothing is;
+/// and how many are left.
 fn most_important(tallies: &[Tally], weight: impl Fn(u32) -> f32) -> (Vec<u32>, usize) {
     let (mut seen, mut unseen): (Vec<u32>, Vec<u32>) =
         (0..tallies.len() as u32).partition(|&i| tallies[i as usize].seen > 0);

@@ -1,11 +1,11 @@
 //! Aiming photons: spheres around everything that can focus light, and how to emit towards them.
 //!
-//! Light whose *first* hit is a sharp surface meets one of the spheres, so emission may be confined to them and stays
-//! unbiased for caustics. Where spheres overlap as seen from the light, the density is the sum over all that hold the
-//! ray, whichever was chosen (one-sample balance heuristic).
+//! Light whose *first* hit is a sharp surface meets one of the spheres, so emission may be confined to them
+//! and stays unbiased for caustics. Where spheres overlap as seen from the light, the density is the sum over
+//! all that hold the ray, whichever was chosen (one-sample balance heuristic).
 //!
-//! Around what is seen there may be more spheres, of a higher density each: of the photons that the sky sends to a plain of
-//! a kilometre, a third go to the room that the camera is in ([`Targets::learnt`]).
+//! Around what is seen there may be more spheres, of a higher density each: of the photons that the sky sends
+//! to a plain of a kilometre, a third go to the room that the camera is in ([`Targets::learnt`]).
 
 use crate::math::{Discrete, Frame, warp};
 use crate::shape::Bounds;
@@ -41,8 +41,8 @@ impl Targets {
     /// How small these must be, all together, relative to the others, to be worth having.
     const MUCH_SMALLER: f32 = 0.25;
 
-    /// Spheres around the shapes with the given indices, bounds, and radii around the middle of these. Neighbours share a
-    /// sphere if there are many, or if that makes the total cross-section smaller.
+    /// Spheres around the shapes with the given indices, bounds, and radii around the middle of these.
+    /// Neighbours share a sphere if there are many, or if that makes the total cross-section smaller.
     pub fn new(shapes: impl Iterator<Item = (u32, Bounds, f32)>) -> Targets {
         let shapes = shapes.filter(|(_, b, _)| !b.is_empty() && b.radius().is_finite());
         let mut boxes: Vec<Group> = shapes
@@ -70,11 +70,12 @@ impl Targets {
         Targets { spheres, bounding, by_cross_section }
     }
 
-    /// These targets, with two thirds of all photons going to spheres around the points `seen` (in the scene of bounds `world`):
-    /// to each with the same probability. `None` if these would not be much smaller.
+    /// These targets, with two thirds of all photons going to spheres around the points `seen` (in the scene
+    /// of bounds `world`): to each with the same probability. `None` if these would not be much smaller.
     ///
-    /// Half of them go to ever larger spheres around the middle of these points: light that comes from nearby by a detour, off
-    /// the ground before a window, would be rare and blinding beside photons that are a million times as dense.
+    /// Half of them go to ever larger spheres around the middle of these points: light that comes from nearby
+    /// by a detour, off the ground before a window, would be rare and blinding beside photons that are a
+    /// million times as dense.
     pub fn learnt(&self, seen: &[Vec3], world: Bounds) -> Option<Targets> {
         let all = [(0, world, world.radius())];
         let whole = Targets::new(all.into_iter());
@@ -113,7 +114,8 @@ impl Targets {
         self.spheres[..self.bounding].iter().map(|s| s.radius * s.radius).sum()
     }
 
-    /// Whether a sphere reaches before the plane through `p` with normal `n`, but for that of the shape `own`.
+    /// Whether a sphere reaches before the plane through `p` with normal `n`, but for that of the shape
+    /// `own`.
     pub(super) fn lie_before(&self, p: Vec3, n: Vec3, own: u32) -> bool {
         let reaches = |s: &Sphere| n.dot(s.center - p) > -s.radius;
         self.spheres[..self.bounding].iter().any(|s| s.shape != Some(own) && reaches(s))
@@ -130,8 +132,8 @@ impl Targets {
         self.spheres[..self.bounding].iter().any(meets)
     }
 
-    /// Aims from `p`, a point on the shape `own` if that cannot light itself; `None` if the spheres fill so much of the
-    /// view that there is nothing to gain.
+    /// Aims from `p`, a point on the shape `own` if that cannot light itself; `None` if the spheres fill so
+    /// much of the view that there is nothing to gain.
     pub(super) fn aim_from(&self, p: Vec3, own: Option<u32>) -> Option<Aim<'_>> {
         let aim = Aim { targets: self, p, own, total: 0.0 };
         let bounding = self.spheres[..self.bounding].iter().filter(|s| aim.counts(s));
@@ -140,8 +142,9 @@ impl Targets {
         (solid_angle > 0.0 && solid_angle < PI).then_some(Aim { total, ..aim })
     }
 
-    /// A point on the plane through the origin across the unit vector `d`, so that the line through it along `d` meets
-    /// a sphere; and the pdf per area. `None` if that would be no better than a disk of radius `world`.
+    /// A point on the plane through the origin across the unit vector `d`, so that the line through it along
+    /// `d` meets a sphere; and the pdf per area. `None` if that would be no better than a disk of radius
+    /// `world`.
     pub(super) fn sample_line(&self, d: Vec3, world: f32, u: Vec2) -> Option<(Vec3, f32)> {
         let is_learnt = self.bounding < self.spheres.len();
         if !is_learnt && self.cross_section() >= world * world {
@@ -268,8 +271,8 @@ fn best_merger(groups: &[Group]) -> Option<(usize, usize)> {
         .map(|(_, pair)| pair)
 }
 
-/// Halves the boxes at the middle of the widest spread of centres until `max` groups are left; each becomes the box
-/// around it.
+/// Halves the boxes at the middle of the widest spread of centres until `max` groups are left; each becomes
+/// the box around it.
 fn group(boxes: &mut [Group], max: usize, out: &mut Vec<Group>) {
     if boxes.len() <= max {
         out.extend_from_slice(boxes);
@@ -365,56 +368,48 @@ mod tests {
         targets(vec![world]).learnt(&seen, world).unwrap()
     }
 
-    /// Of lines and of directions from afar: their means of 1 and of what only holds near what is seen, over the stated pdf,
-    /// are the integrals; and many of them go there.
+    /// Of lines and of directions from afar, the means of 1 and of what only holds near what is seen, over
+    /// the stated pdf, are the integrals; and many of them go there.
     #[test]
     fn learnt_targets_have_the_stated_density() {
+        const N: u64 = 1 << 16;
+        const R: f32 = 0.4;
         let targets = learnt();
-        let n = 1 << 16;
-        let is_near = |o: Vec3, d: Vec3, r: f32| {
-            [Vec3::new(3.0, 2.0, 1.0), Vec3::new(-5.0, 0.0, 6.0)]
-                .iter()
-                .any(|&c| (c - o).cross(d).length_squared() < r * r)
-        };
-        let in_world = |o: Vec3, d: Vec3| o.cross(d).length() <= targets.spheres[0].radius;
-        let check = |name: &str, sampled: f64, brute: f64| {
-            assert!((sampled / brute - 1.0).abs() < 0.02, "{name}: {sampled} {brute}");
-        };
+        let seen = [Vec3::new(3.0, 2.0, 1.0), Vec3::new(-5.0, 0.0, 6.0)];
+        let is_near = |o: Vec3, d: Vec3, r: f32| seen.iter().any(|&c| (c - o).cross(d).length() < r);
+        let whole = targets.spheres[0];
+        let in_world = |o: Vec3, d: Vec3| (whole.center - o).cross(d).length() <= whole.radius * 1.0001;
         let d = Vec3::new(0.1, 0.9, -0.4).normalize();
-        let frame = Frame::from_normal(d);
         let far = Vec3::new(60.0, -10.0, 20.0);
         let aim = targets.aim_from(far, None).unwrap();
-        let axis = Frame::from_normal(-far.normalize());
-        let mut sums = [0.0f64; 8];
-        let mut near = [0u32; 2];
-        for i in 0..n {
+        let mut sums = [0.0f64; 4];
+        let mut near = [0u64; 2];
+        for i in 0..N {
             let u = Sampler::new(3, Stream::CausticPhotons, 2, i).next_2d();
-            let (p, pdf_a) = targets.sample_line(d, 1.0, u).unwrap();
-            assert!(in_world(p, d) && p.dot(d).abs() < 1e-3);
-            sums[0] += 1.0 / f64::from(pdf_a);
-            sums[1] += f64::from(u8::from(is_near(p, d, 0.4))) / f64::from(pdf_a);
-            near[0] += u32::from(is_near(p, d, 0.8));
-            let q = frame.s * (40.0 * u.x - 20.0) + frame.t * (40.0 * u.y - 20.0);
-            sums[2] += 1600.0 * f64::from(u8::from(in_world(q, d)));
-            let small = frame.s * (20.0 * u.x - 10.0) + frame.t * (20.0 * u.y - 10.0);
-            sums[3] += 400.0 * f64::from(u8::from(is_near(small, d, 0.4)));
-
-            let (w, pdf_w) = aim.sample(u).unwrap();
-            sums[4] += 1.0 / f64::from(pdf_w);
-            sums[5] += f64::from(u8::from(is_near(far, w, 0.4))) / f64::from(pdf_w);
-            near[1] += u32::from(is_near(far, w, 0.8));
-            let cone = axis.to_world(warp::cone(u, 0.06));
-            let whole = 2.0 * std::f64::consts::PI * 0.06;
-            sums[6] += whole * f64::from(u8::from((-far).cross(cone).length() <= targets.spheres[0].radius));
-            sums[7] += whole * f64::from(u8::from(is_near(far, cone, 0.4)));
+            let line = targets.sample_line(d, 1.0, u).map(|(p, pdf_a)| (p, d, pdf_a)).unwrap();
+            let direction = aim.sample(u).map(|(w, pdf_w)| (far, w, pdf_w)).unwrap();
+            for (k, (o, d, pdf)) in [line, direction].into_iter().enumerate() {
+                assert!(in_world(o, d));
+                sums[2 * k] += 1.0 / f64::from(pdf);
+                sums[2 * k + 1] += if is_near(o, d, R) { 1.0 / f64::from(pdf) } else { 0.0 };
+                near[k] += u64::from(is_near(o, d, 2.0 * R));
+            }
         }
-        let [line, near_line, brute, near_brute, w, near_w, brute_w, near_brute_w] =
-            sums.map(|s| s / n as f64);
-        check("lines", line, brute);
-        check("lines near what is seen", near_line, near_brute);
-        check("directions", w, brute_w);
-        check("directions near what is seen", near_w, near_brute_w);
-        assert!(near.iter().all(|&near| near > n as u32 * 3 / 10), "{near:?}");
+        let disk = |r: f32| PI * r * r;
+        let cap = |c: Vec3, r: f32| {
+            2.0 * PI * (1.0 - (1.0 - f64::from(r * r / c.distance_squared(far))).sqrt()) as f32
+        };
+        let exact = [
+            disk(whole.radius),
+            2.0 * disk(R),
+            cap(whole.center, whole.radius),
+            seen.iter().map(|&c| cap(c, R)).sum(),
+        ];
+        for (sum, exact) in sums.iter().zip(exact) {
+            let off = sum / N as f64 / f64::from(exact) - 1.0;
+            assert!(off.abs() < 0.02, "{sums:?} over {N} are not {exact:?}: {off}");
+        }
+        assert!(near.iter().all(|&near| near > N * 3 / 10), "{near:?}");
     }
 
     /// Where all is seen, there is nothing to learn.

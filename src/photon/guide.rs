@@ -1,13 +1,15 @@
-//! Which of the random numbers that a photon starts from are worth drawing: those whose photons show in the picture, as a
-//! few photons sent ahead find out ([`super::pilots`]). Targets ([`crate::light::Targets`]) bound where such photons go and know
-//! nothing of what stands in the way, of lamps that turn away, or of the gaps in what they bound. The choice among lights
-//! is one of these numbers, so the one lamp of many whose light is seen gets the photons.
+//! Which of the random numbers that a photon starts from are worth drawing: those whose photons show in the
+//! picture, as a few photons sent ahead find out ([`super::pilots`]). Targets ([`crate::light::Targets`])
+//! bound where such photons go and know nothing of what stands in the way, of lamps that turn away, or of the
+//! gaps in what they bound. The choice among lights is one of these numbers, so the one lamp of many whose
+//! light is seen gets the photons.
 //!
-//! The five numbers of [`crate::light::Lights::sample_emission`] (light, position, direction) are the coordinates of a unit
-//! cube. A tree halves it where that tells useful from useless (as the spatial trees of Müller et al. 2017, "Practical Path
-//! Guiding", but over random numbers: Guo et al. 2018, "Primary Sample Space Path Guiding"), and its leaves are drawn
-//! from by what they have brought, so photons also become equally bright. A share of the density is
-//! uniform, so it is positive wherever a photon can start, and known exactly, so nothing is biased whatever was learnt.
+//! The five numbers of [`crate::light::Lights::sample_emission`] (light, position, direction) are the
+//! coordinates of a unit cube. A tree halves it where that tells useful from useless (as the spatial trees of
+//! Müller et al. 2017, "Practical Path Guiding", but over random numbers: Guo et al. 2018, "Primary Sample
+//! Space Path Guiding"), and its leaves are drawn from by what they have brought, so photons also become
+//! equally bright. A share of the density is uniform, so it is positive wherever a photon can start, and
+//! known exactly, so nothing is biased whatever was learnt.
 
 use crate::light::Targets;
 
@@ -17,9 +19,11 @@ pub(super) const AXES: usize = 5;
 const MIN_PHOTONS: usize = 48;
 /// What is known of a node without any photons weighs as much as so many.
 const PRIOR: f32 = 2.0;
-/// Parts of each axis that are told apart when one is chosen. More than two: a half may look like the other one.
+/// Parts of each axis that are told apart when one is chosen. More than two: a half may look like the other
+/// one.
 const PARTS: usize = 8;
-/// By how much the parts must differ beyond chance: their relative entropy, times the node's share of all worth.
+/// By how much the parts must differ beyond chance: their relative entropy, times the node's share of all
+/// worth.
 const MIN_GAIN: f32 = 2e-4;
 
 /// A density over the random numbers of emission.

@@ -1,5 +1,5 @@
-//! Where light reaches the picture: the density, on surfaces, of how much of the light there shows, relative to what the
-//! pixel shows anyway.
+//! Where light reaches the picture: the density, on surfaces, of how much of the light there shows, relative
+//! to what the pixel shows anyway.
 
 use super::PhotonMap;
 use super::estimate::{Estimator, Kernel, Photons, Place, Site, near_plane};
@@ -17,7 +17,8 @@ use std::f32::consts::{FRAC_1_PI, PI};
 const PATHS: u64 = 2048;
 /// What is behind more mirrors than that is not worth looking for.
 const LONGEST: u32 = 12;
-/// How far from a place that shows, in units of the distances between such places there, light may still show.
+/// How far from a place that shows, in units of the distances between such places there, light may still
+/// show.
 const REACH: f32 = 2.0;
 /// Pixels darker than this share of the mean count as if they were as bright as that.
 const DARKEST: f32 = 0.1;
@@ -115,7 +116,8 @@ impl Places {
         REACH * REACH * r2
     }
 
-    /// How much of the flux of a photon that has landed at `p`, on a surface with normal `n_g`, from `wi` shows.
+    /// How much of the flux of a photon that has landed at `p`, on a surface with normal `n_g`, from `wi`
+    /// shows.
     fn shown(&self, scene: &Scene, p: Vec3, n_g: Vec3, wi: Vec3, heap: &mut KnnHeap) -> f32 {
         // By the photon's own normal: light that grazes a round shell from outside does not shine in.
         let side = n_g * n_g.dot(wi);
@@ -132,7 +134,8 @@ impl Places {
             true => heap.max_dist2(),
             false => points().map(|point| point.reach2).fold(0.0, f32::max),
         };
-        // A wall stands between a room and the sunlit ground beside it, which may well be one plane with the floor.
+        // A wall stands between a room and the sunlit ground beside it, which may well be one plane with the
+        // floor.
         let nearest = &self.points[nearest as usize];
         if d2 > 1e-4 * self.r_max * self.r_max && !connected(scene, p, nearest, n_g, wi, d2.sqrt()) {
             return 0.0;
@@ -199,8 +202,8 @@ impl Importance {
         luminance(photon.flux) * density
     }
 
-    /// Whether the camera looks where `photon` has landed, straight from its light: what it shows there is sampled from the
-    /// light, if it is not taken from the map.
+    /// Whether the camera looks where `photon` has landed, straight from its light: what it shows there is
+    /// sampled from the light, if it is not taken from the map.
     pub(super) fn sees_direct(&self, scene: &Scene, photon: &Packed, heap: &mut KnnHeap) -> bool {
         let photon = photon.unpack();
         photon.depth == 1 && self.seen.shown(scene, photon.p, photon.n_g, photon.wi, heap) > 0.0

@@ -1,5 +1,5 @@
-//! A few photons sent ahead, which find out what photons are worth: a [`Guide`] for those to come, and of every light and
-//! everything sharp, whether it takes part in the picture at all.
+//! A few photons sent ahead, which find out what photons are worth: a [`Guide`] for those to come, and of
+//! every light and everything sharp, whether it takes part in the picture at all.
 
 use super::guide::{Guide, Norm, Pilot};
 use super::importance::Importance;
@@ -10,8 +10,8 @@ use crate::math::{Sampler, Stream, luminance};
 use crate::scene::Scene;
 use rayon::prelude::*;
 
-/// How many photons are sent ahead for one map: in rounds, each of which draws by what the one before has learnt, and sends
-/// twice as many.
+/// How many photons are sent ahead for one map: in rounds, each of which draws by what the one before has
+/// learnt, and sends twice as many.
 struct Rounds {
     most: u64,
     /// The first one's: one of so many of a pass.
@@ -26,9 +26,11 @@ struct Rounds {
 const ALL: Rounds = Rounds { most: 4, first: 16, range: [1 << 10, 1 << 13], enough: 0.5 };
 /// Caustics want to be known precisely.
 const CAUSTICS: Rounds = Rounds { most: 3, first: 4, range: [1 << 12, 1 << 13], enough: 1.0 };
-/// The share of photons that are emitted as if nothing had been learnt, for the caustic map and for all light.
+/// The share of photons that are emitted as if nothing had been learnt, for the caustic map and for all
+/// light.
 const UNIFORM: [f32; 2] = [0.05, 0.2];
-/// How much of what a caustic photon is worth the camera decides; the rest is for what it may have overlooked.
+/// How much of what a caustic photon is worth the camera decides; the rest is for what it may have
+/// overlooked.
 const SEEN: f32 = 0.75;
 
 /// What became of the photons that a light has sent ahead, or that have met something sharp.
@@ -114,8 +116,8 @@ impl Sent {
 }
 
 impl Learnt {
-    /// Learns for passes of `emission`, whose own guide does not matter, what is worth emitting. The same for any number of
-    /// threads.
+    /// Learns for passes of `emission`, whose own guide does not matter, what is worth emitting. The same for
+    /// any number of threads.
     ///
     /// Photons of all light also tell `importance` how bright the picture is.
     pub fn new(scene: &Scene, importance: &mut Importance, emission: &Emission) -> Learnt {
