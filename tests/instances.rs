@@ -87,8 +87,7 @@ fn copied_and_instanced(light: &str, bsdf: &str) -> [scene::SceneDescription; 2]
 fn instances_render_like_copies() {
     for (light, bsdf, kind, share) in [
         (LAMP, MATTE, Kind::Path, 0.1),
-        // What photons sent ahead teach amplifies rounding: other photons are emitted.
-        (LAMP, MATTE, Kind::Photonmap, 2.0),
+        (LAMP, MATTE, Kind::Photonmap, 0.1),
         // Bumpy glass amplifies rounding. Paths find a lamp through it by rare chance only.
         (SKY, GLASS, Kind::Path, 0.5),
         (LAMP, GLASS, Kind::Photonmap, 2.0),
