@@ -87,7 +87,8 @@ fn copied_and_instanced(light: &str, bsdf: &str) -> [scene::SceneDescription; 2]
 fn instances_render_like_copies() {
     for (light, bsdf, kind, share) in [
         (LAMP, MATTE, Kind::Path, 0.1),
-        (LAMP, MATTE, Kind::Photonmap, 0.1),
+        // Where a photon sent ahead lands elsewhere, others are emitted: of all 16 passes, 0.16 to 0.18 were measured.
+        (LAMP, MATTE, Kind::Photonmap, 0.4),
         // Bumpy glass amplifies rounding. Paths find a lamp through it by rare chance only.
         (SKY, GLASS, Kind::Path, 0.5),
         (LAMP, GLASS, Kind::Photonmap, 2.0),
