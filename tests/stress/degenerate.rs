@@ -205,7 +205,7 @@ fn a_lamp_partly_without_area() {
     for_all("a lamp partly without area", &body, (9, 9), move |view| {
         let map = view.what.contains("map");
         let (bias, precision) = if map { (0.01, 0.06) } else { (2e-3, 0.03) };
-        assert_mean(&view.means(16), exact, bias, precision, &view.what);
+        assert_mean(&view.means(24), exact, bias, precision, &view.what);
     });
 }
 
