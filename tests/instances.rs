@@ -82,12 +82,14 @@ fn copied_and_instanced(light: &str, bsdf: &str) -> [scene::SceneDescription; 2]
     [copied, instanced]
 }
 
-/// Up to the noise of other random numbers, of which the same ones bring least where nothing amplifies rounding.
+/// Up to the noise of other random numbers, of which the same ones bring least where nothing amplifies
+/// rounding.
 #[test]
 fn instances_render_like_copies() {
     for (light, bsdf, kind, share) in [
         (LAMP, MATTE, Kind::Path, 0.1),
-        // Where a photon sent ahead lands elsewhere, others are emitted: of all 16 passes, 0.16 to 0.18 were measured.
+        // Where a photon sent ahead lands elsewhere, others are emitted: of all 16 passes, 0.16 to 0.18 were
+        // measured.
         (LAMP, MATTE, Kind::Photonmap, 0.4),
         // Bumpy glass amplifies rounding. Paths find a lamp through it by rare chance only.
         (SKY, GLASS, Kind::Path, 0.5),

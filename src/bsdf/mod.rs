@@ -386,6 +386,15 @@ impl<'a> Bsdf<'a> {
         self.kind.roughness()
     }
 
+    /// Whether there is nothing but a narrow lobe.
+    pub fn is_narrow(&self) -> bool {
+        match &self.kind {
+            Kind::RoughConductor(b) => sharp_light(b.microfacet.roughness()) > 0.5,
+            Kind::Perturbed(b) => b.nested.is_narrow(),
+            _ => false,
+        }
+    }
+
     /// Whether light is scattered from one side to the other.
     pub fn transmits(&self) -> bool {
         self.kind.transmits()

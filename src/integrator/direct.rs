@@ -1,23 +1,11 @@
-//! Direct light at a surface, by light sampling and BSDF sampling combined by multiple importance sampling (Veach &
-//! Guibas 1995, power heuristic).
+//! Direct light at a surface, by light sampling and BSDF sampling combined by multiple importance sampling
+//! (Veach & Guibas 1995, power heuristic).
 
 use super::Params;
 use crate::bsdf::{BsdfSample, Mode, Share};
-use crate::math::{Ray, Rgb, Sampler};
+use crate::math::{Ray, Rgb, Sampler, power_heuristic};
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
-
-/// Power heuristic with exponent 2 for one sample of each of two strategies: the weight of the one with pdf `a`.
-pub(super) fn power_heuristic(a: f32, b: f32) -> f32 {
-    // Divided through by the larger pdf, so that no square overflows.
-    if a >= b {
-        let r = b / a;
-        if a > 0.0 && a.is_finite() { 1.0 / (1.0 + r * r) } else { 1.0 }
-    } else {
-        let r = a / b;
-        if b.is_finite() { r * r / (1.0 + r * r) } else { 0.0 }
-    }
-}
 
 /// A light sample that reaches the surface, and how it is weighted against the other strategy.
 pub(super) struct Lit {
@@ -29,9 +17,9 @@ pub(super) struct Lit {
     pub(super) f: Rgb,
 }
 
-/// Samples one light from `s`, and tests what of it is seen. The other strategy takes a local direction with the density
-/// `other_pdf_w`, and finds lights through `segments_left` segments at most: crossing a hole takes one of a path, none of a
-/// shadow ray. `rays` counts the shadow rays.
+/// Samples one light from `s`, and tests what of it is seen. The other strategy takes a local direction with
+/// the density `other_pdf_w`, and finds lights through `segments_left` segments at most: crossing a hole
+/// takes one of a path, none of a shadow ray. `rays` counts the shadow rays.
 pub(super) fn sample_light(
     scene: &Scene,
     s: &Surface,
@@ -67,8 +55,8 @@ pub(super) struct Previous {
     pub(super) pdf_w: Option<f32>,
 }
 
-/// What a camera ray meets first. With `hide_emitters`, lamps are not there at all, as in Mitsuba: what is behind them
-/// shows. `rays` counts what is traced beyond the first ray.
+/// What a camera ray meets first. With `hide_emitters`, lamps are not there at all, as in Mitsuba: what is
+/// behind them shows. `rays` counts what is traced beyond the first ray.
 pub(super) fn first_hit<'a>(
     scene: &'a Scene,
     params: &Params,
@@ -100,6 +88,33 @@ pub(super) fn emitted(scene: &Scene, s: &Surface, ray: &Ray, previous: &Previous
     }
 }
 
+/// Radiance along `ray` from the light that it meets, weighted against light sampling at the previous vertex,
+/// if it does so within `segments_left` segments: crossing a hole takes one.
+pub(super) fn along(
+    scene: &Scene,
+    mut ray: Ray,
+    previous: &Previous,
+    segments_left: u32,
+    sampler: &mut Sampler,
+    rays: &mut u64,
+) -> Rgb {
+    let mut sum = Rgb::ZERO;
+    for _ in 0..segments_left {
+        *rays += 1;
+        let Some(hit) = scene.intersect(&ray) else { return sum + background(scene, &ray, previous) };
+        if scene.is_plain(&hit) {
+            break;
+        }
+        let s = scene.surface(&ray, &hit);
+        sum += emitted(scene, &s, &ray, previous);
+        if !s.is_crossed(sampler) {
+            break;
+        }
+        ray = s.spawn(ray.d);
+    }
+    sum
+}
+
 /// Radiance of the environment along `ray`, weighted against light sampling at the previous vertex.
 pub(super) fn background(scene: &Scene, ray: &Ray, previous: &Previous) -> Rgb {
     let Some(pdf_w) = previous.pdf_w else { return scene.lights.background(ray.d) };
@@ -107,27 +122,8 @@ pub(super) fn background(scene: &Scene, ray: &Ray, previous: &Previous) -> Rgb {
     radiance * power_heuristic(pdf_w, other)
 }
 
-/// Whether `sample` goes on as if nothing were there: hidden distant lights stay hidden behind holes and thin sheets.
+/// Whether `sample` goes on as if nothing were there: hidden distant lights stay hidden behind holes and thin
+/// sheets.
 pub(super) fn goes_straight(sample: &BsdfSample, wo: Vec3) -> bool {
     sample.delta && sample.wi == -wo
-}
-
-#[cfg(test)]
-mod tests {
-    use super::power_heuristic;
-
-    #[test]
-    fn weights_of_two_strategies_add_to_one_over_all_magnitudes() {
-        let pdfs = [1e-38f32, 1e-20, 1e-3, 1.0, 7.0, 1e18, 1e30, 3e38];
-        for a in pdfs {
-            for b in pdfs {
-                let sum = power_heuristic(a, b) + power_heuristic(b, a);
-                assert!((sum - 1.0).abs() < 1e-6, "{a} {b}: {sum}");
-            }
-            assert_eq!(power_heuristic(a, 0.0), 1.0);
-            assert_eq!(power_heuristic(0.0, a), 0.0);
-            assert_eq!(power_heuristic(f32::INFINITY, a), 1.0);
-            assert_eq!(power_heuristic(a, f32::INFINITY), 0.0);
-        }
-    }
 }

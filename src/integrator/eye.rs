@@ -1,6 +1,7 @@
 //! Camera paths over the photon maps of one pass.
 
 use super::direct::{self, Previous};
+use super::effort::Effort;
 use super::maps::{Maps, Scratch};
 use super::{DirectLight, Params, Parts, Seen};
 use crate::bsdf::{BsdfSample, Mode, Share};
@@ -38,8 +39,8 @@ struct Walk {
 }
 
 impl Walk {
-    /// How much throughput `beta` counts for: eta² undoes the scaling of radiance inside glass, which says nothing about what
-    /// the path will find.
+    /// How much throughput `beta` counts for: eta² undoes the scaling of radiance inside glass, which says
+    /// nothing about what the path will find.
     fn shown(&self, beta: Rgb) -> f32 {
         beta.max_element() * self.eta * self.eta
     }
@@ -53,6 +54,8 @@ pub(super) struct Eye<'a> {
     pub(super) scene: &'a Scene,
     pub(super) params: &'a Params,
     pub(super) maps: &'a Maps,
+    /// In how many directions to look for lights; one without it.
+    pub(super) effort: Option<&'a Effort>,
     /// Whether to tell what lies first and how dense photons are there.
     pub(super) aovs: bool,
 }
@@ -60,10 +63,11 @@ pub(super) struct Eye<'a> {
 impl Eye<'_> {
     /// Radiance along `ray`, wide and fine (see [`crate::film::Film`]).
     ///
-    /// The path follows sharp lobes, and at every vertex that scatters light into them by broad lobes too it collects
-    /// direct light and caustics. When it first leaves by a broad lobe it has become a gather ray: what it now meets
-    /// is taken from the global map, through any sharp lobes on the way. Both lobes of a smooth interface are followed, as
-    /// long as neither is too dim: seen by chance, a lamp's reflection within glass would be rare and blinding.
+    /// The path follows sharp lobes, and at every vertex that scatters light into them by broad lobes too it
+    /// collects direct light and caustics. When it first leaves by a broad lobe it has become a gather ray:
+    /// what it now meets is taken from the global map, through any sharp lobes on the way. Both lobes of a
+    /// smooth interface are followed, as long as neither is too dim: seen by chance, a lamp's reflection
+    /// within glass would be rare and blinding.
     pub(super) fn radiance(
         &self,
         ray: Ray,
@@ -134,7 +138,11 @@ impl Eye<'_> {
                 continue;
             }
             let wo = s.frame.to_local(-walk.ray.d);
-            let here = self.collect(&walk, s, wo, sampler, scratch, rays);
+            let directions = match self.effort {
+                Some(effort) if walk.delta && !walk.gathering => effort.directions(s, wo),
+                _ => 1,
+            };
+            let here = self.collect(&walk, s, wo, directions, sampler, scratch, rays);
             sum.iter_mut().zip(here).for_each(|(sum, here)| *sum += here);
             if !self.looks_further(s) {
                 next = None;
@@ -142,11 +150,16 @@ impl Eye<'_> {
             }
             next = match s.bsdf.split(wo, Mode::Radiance) {
                 Some([a, b]) if walk.delta && walk.shown(walk.beta * a.weight.min(b.weight)) >= DIMMEST => {
-                    pending.extend(self.scatter(&walk, s, wo, &a, sampler));
-                    self.scatter(&walk, s, wo, &b, sampler)
+                    pending.extend(self.scatter(&walk, s, wo, &a, 1.0, sampler));
+                    self.scatter(&walk, s, wo, &b, 1.0, sampler)
                 }
-                _ => sample(s, wo, &scratch.incident, sampler)
-                    .and_then(|sample| self.scatter(&walk, s, wo, &sample, sampler)),
+                _ => sample(s, wo, &scratch.incident, sampler).and_then(|sample| {
+                    let share = match directions {
+                        1 => 1.0,
+                        n => sample.pdf_w / density(s, wo, sample.wi, &scratch.incident, n),
+                    };
+                    self.scatter(&walk, s, wo, &sample, share, sampler)
+                }),
             };
         }
         sum
@@ -158,11 +171,14 @@ impl Eye<'_> {
     }
 
     /// Light that broad lobes send along the path from the surface where it has arrived, wide and fine.
+    /// Lights are looked for in so many `directions`, of which the path itself takes the last.
+    #[allow(clippy::too_many_arguments)]
     fn collect(
         &self,
         walk: &Walk,
         s: &Surface,
         wo: Vec3,
+        directions: u32,
         sampler: &mut Sampler,
         scratch: &mut Scratch,
         rays: &mut u64,
@@ -190,7 +206,7 @@ impl Eye<'_> {
             // The map shows by broad lobes what it shows; sharp ones are too narrow for it.
             let sharp_only = self.params.direct == DirectLight::Map;
             if self.params.direct == DirectLight::Sample || (sharp_only && s.bsdf.has_rough()) {
-                let other_pdf_w = |wi| pdf_w(s, wo, wi, &scratch.incident);
+                let other_pdf_w = |wi| density(s, wo, wi, &scratch.incident, directions);
                 let lit = direct::sample_light(self.scene, s, wo, segments_left, sampler, rays, other_pdf_w);
                 if let Some(lit) = lit {
                     let shown = match sharp_only {
@@ -199,6 +215,10 @@ impl Eye<'_> {
                     };
                     direct = (lit.f - shown).max(Rgb::ZERO) * lit.light;
                 }
+            }
+            for _ in 1..directions {
+                direct +=
+                    self.look_for_light(s, wo, &scratch.incident, directions, segments_left, sampler, rays);
             }
         }
         [(caustic.wide, indirect.wide), (caustic.fine, indirect.fine)].map(|(caustic, indirect)| {
@@ -210,13 +230,36 @@ impl Eye<'_> {
         })
     }
 
-    /// The path after scattering by `sample`; `None` where it ends.
+    /// What one of so many `directions`, taken by the BSDF, finds of lights.
+    #[allow(clippy::too_many_arguments)]
+    fn look_for_light(
+        &self,
+        s: &Surface,
+        wo: Vec3,
+        incident: &Incident,
+        directions: u32,
+        segments_left: u32,
+        sampler: &mut Sampler,
+        rays: &mut u64,
+    ) -> Rgb {
+        let sample = s.bsdf.sample(wo, sampler.next_1d(), sampler.next_2d(), Mode::Radiance);
+        let Some(sample) = sample.filter(|sample| !sample.delta) else { return Rgb::ZERO };
+        let density = density(s, wo, sample.wi, incident, directions);
+        let previous = Previous { p: s.p, pdf_w: Some(density) };
+        let ray = s.spawn(s.frame.to_world(sample.wi));
+        let light = direct::along(self.scene, ray, &previous, segments_left, sampler, rays);
+        sample.weight * (sample.pdf_w / density) * light
+    }
+
+    /// The path after scattering by `sample`, which is to show the part `share` of the lights that are found
+    /// in its direction; `None` where it ends.
     fn scatter(
         &self,
         walk: &Walk,
         s: &Surface,
         wo: Vec3,
         sample: &BsdfSample,
+        share: f32,
         sampler: &mut Sampler,
     ) -> Option<Walk> {
         let mut next = Walk {
@@ -226,7 +269,7 @@ impl Eye<'_> {
             delta: walk.delta && sample.delta,
             straight: walk.straight && direct::goes_straight(sample, wo),
             eta: walk.eta * sample.eta,
-            previous: Previous { p: s.p, pdf_w: (!sample.delta).then_some(sample.pdf_w) },
+            previous: Previous { p: s.p, pdf_w: (!sample.delta).then_some(sample.pdf_w / share) },
             ..*walk
         };
         if sample.delta {
@@ -235,9 +278,9 @@ impl Eye<'_> {
             next.emitted_part = |parts| &mut parts.specular;
             next.through_sharp |= !walk.gathering;
         } else {
-            let share = if walk.gathering { Share::BroadLight } else { Share::BroadEye };
+            let lobes = if walk.gathering { Share::BroadLight } else { Share::BroadEye };
             let broad = match s.bsdf.has_rough() {
-                true => s.bsdf.eval(wo, sample.wi, Mode::Radiance, share) / sample.pdf_w,
+                true => s.bsdf.eval(wo, sample.wi, Mode::Radiance, lobes) / sample.pdf_w,
                 false => sample.weight,
             };
             let sharp = (sample.weight - broad).max(Rgb::ZERO);
@@ -246,7 +289,7 @@ impl Eye<'_> {
                 next.beta_emitted = Rgb::ZERO;
             } else {
                 next.beta_emitted = match self.params.direct {
-                    DirectLight::Sample => walk.beta * sample.weight,
+                    DirectLight::Sample => walk.beta * sample.weight * share,
                     DirectLight::Map => walk.beta * sharp,
                     DirectLight::Off => Rgb::ZERO,
                 };
@@ -286,6 +329,21 @@ fn pdf_w(s: &Surface, wo: Vec3, wi: Vec3, incident: &Incident) -> f32 {
         0.0 => by_bsdf,
         share => (1.0 - share) * by_bsdf + share * incident.pdf_w(s.frame.to_world(wi)),
     }
+}
+
+/// The same of so many directions, of which all but one are sampled by the BSDF alone.
+fn density(s: &Surface, wo: Vec3, wi: Vec3, incident: &Incident, directions: u32) -> f32 {
+    let one = pdf_w(s, wo, wi, incident);
+    match directions {
+        1 => one,
+        n => one + (n - 1) as f32 * s.bsdf.pdf_w(wo, wi, Mode::Radiance),
+    }
+}
+
+/// The geometric normal on the side of `wo` (local), if `s` scatters broadly and to that side alone.
+pub(super) fn broad_side(s: &Surface, wo: Vec3) -> Option<Vec3> {
+    let is_broad = s.bsdf.has_smooth() && !s.bsdf.transmits() && !s.bsdf.is_narrow();
+    (is_broad && s.bsdf.scatters_on(wo)).then(|| s.n_g * 1f32.copysign(wo.z))
 }
 
 /// Samples where a path goes from `s`: by the BSDF, or to where light comes from as far as that is known.

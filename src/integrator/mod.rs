@@ -1,6 +1,7 @@
 //! Integrators: a render is a sum of independent passes, and pass i depends only on (scene, seed, i).
 
 mod direct;
+mod effort;
 mod eye;
 mod guides;
 mod maps;

@@ -1,6 +1,7 @@
 //! What a scene needs, derived before the first pass: stages that cannot contribute are skipped, with the
 //! reason.
 
+use super::effort::Effort;
 use super::{DirectLight, Kind, Options, Params, Skipped, Survey};
 use crate::photon::{Emission, Guide, Importance, Learnt, Store, Uses};
 use crate::scene::Scene;
@@ -16,6 +17,8 @@ pub(super) struct Plan {
     pub(super) global_guide: Option<Guide>,
     /// The same for the caustic map.
     pub(super) caustic_guide: Option<Guide>,
+    /// In how many directions lights are looked for, if that is more than one anywhere; not before [`Plan::learn`].
+    pub(super) effort: Option<Effort>,
     /// Pixels of the film.
     pub(super) pixels: u64,
     /// Radius of the scene, which relative lookup radii refer to.
@@ -40,6 +43,7 @@ impl Plan {
             caustic_photons: auto(params.caustic_photons, 1),
             global_guide: None,
             caustic_guide: None,
+            effort: None,
             pixels,
             radius: scene.bounds.radius(),
             skipped: Vec::new(),
@@ -101,6 +105,7 @@ impl Plan {
         }
         self.global_guide = global.and_then(|learnt| learnt.guide);
         self.caustic_guide = caustics.and_then(|learnt| learnt.guide);
+        self.effort = Effort::new(scene, params, self);
     }
 
     /// Whether any photons are shot.

@@ -353,7 +353,8 @@ impl State {
                 let rays = &mut counts.rays;
                 let mut shown = match &maps {
                     Some(maps) => {
-                        let eye = Eye { scene, params, maps, aovs: options.aovs };
+                        let effort = plan.effort.as_ref();
+                        let eye = Eye { scene, params, maps, effort, aovs: options.aovs };
                         eye.radiance(ray, &mut sampler, scratch, &mut seen, rays)
                     }
                     None => [path::radiance(scene, params, ray, &mut sampler, &mut seen, rays); 2],

@@ -253,6 +253,11 @@ impl Lights {
         self.lights.iter().any(Light::is_beam)
     }
 
+    /// Whether any light can be met by a ray, or shines where nothing is met.
+    pub fn can_be_met(&self) -> bool {
+        !self.environment.is_empty() || self.lights.iter().any(|light| matches!(light, Light::Area { .. }))
+    }
+
     /// Analytic power of light `i`, W per channel; a distant light's is what it sends through the scene's bounding
     /// sphere. For skies, spotlights and pictures it is integrated numerically, and for smooth
     /// meshes an upper bound; photons carry the exact flux.

@@ -2,6 +2,7 @@
 
 mod distribution;
 mod frame;
+mod mis;
 mod ray;
 mod sampler;
 mod search;
@@ -9,6 +10,7 @@ pub mod warp;
 
 pub use distribution::Discrete;
 pub use frame::Frame;
+pub use mis::power_heuristic;
 pub use ray::{Ray, offset_origin};
 pub use sampler::{Sampler, Stream};
 pub use search::first_index;

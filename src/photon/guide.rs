@@ -25,8 +25,9 @@ const PARTS: usize = 8;
 /// By how much the parts must differ beyond chance: their relative entropy, times the node's share of all
 /// worth.
 const MIN_GAIN: f32 = 2e-4;
-/// Steps of a half's odds in an octave. Without them, the photon that rounding sends past an edge moves every photon of every
-/// pass a little, and what was to differ by rounding differs by noise (tests/backends.rs). They cost under 1 % of the variance.
+/// Steps of a half's odds in an octave. Without them, the photon that rounding sends past an edge moves every
+/// photon of every pass a little, and what was to differ by rounding differs by noise (tests/backends.rs).
+/// They cost under 1 % of the variance.
 const STEPS: f32 = 4.0;
 
 /// A density over the random numbers of emission.
@@ -72,8 +73,8 @@ impl Guide {
         self.targets.as_ref()
     }
 
-    /// What `pilots` have learnt, but for the share `uniform` of all photons, which start as if nothing were known. `None` if no
-    /// pilot was worth anything.
+    /// What `pilots` have learnt, but for the share `uniform` of all photons, which start as if nothing were
+    /// known. `None` if no pilot was worth anything.
     pub(super) fn of(
         pilots: &mut [Pilot],
         uniform: f32,
@@ -154,13 +155,14 @@ fn grow(
     if pilots.len() < MIN_PHOTONS {
         return masses[node];
     }
-    // Half of what parts differ by for chance alone: χ² of so many parts, over twice the number of photons that are worth as much.
-    // (measured: all of it leaves ring's tree too coarse, see tests/aiming.rs)
+    // Half of what parts differ by for chance alone: χ² of so many parts, over twice the number of photons
+    // that are worth as much. (measured: all of it leaves ring's tree too coarse, see tests/aiming.rs)
     let (sum, squares) =
         pilots.iter().fold((0.0f32, 0.0f32), |(sum, sq), p| (sum + p.worth, sq + p.worth * p.worth));
     let doubt = if sum > 0.0 { 0.25 * (PARTS - 1) as f32 * squares / (sum * sum) } else { 0.0 };
     let gains: [f32; AXES] = std::array::from_fn(|a| gain(pilots, a, low[a], size[a]) - doubt);
-    // Where one photon is worth more than all others, all axes tell it from them equally well but for rounding.
+    // Where one photon is worth more than all others, all axes tell it from them equally well but for
+    // rounding.
     let compared = gains.map(|gain| (gain * 1024.0).round());
     let axis = (0..AXES).max_by(|&a, &b| compared[a].total_cmp(&compared[b])).unwrap_or(0);
     if gains[axis] * masses[node] < MIN_GAIN * masses[0] {
@@ -192,15 +194,18 @@ fn grow(
 /// How the worth of a node follows from that of its photons.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Norm {
-    /// Its mean, so that photons become equally bright: where most photons of a node are worthless, they are few.
+    /// Its mean, so that photons become equally bright: where most photons of a node are worthless, they are
+    /// few.
     Mean,
-    /// Its root mean square: in proportion to it the density leaves the least variance, also where few are worth much.
+    /// Its root mean square: in proportion to it the density leaves the least variance, also where few are
+    /// worth much.
     RootMeanSquare,
 }
 
 impl Norm {
-    /// Over the photons of a node, if as many as [`PRIOR`] more had brought what those of the node `around` it do: where none of a
-    /// few photons was useful, the next one may be, and would be blinding if it were thought impossible.
+    /// Over the photons of a node, if as many as [`PRIOR`] more had brought what those of the node `around`
+    /// it do: where none of a few photons was useful, the next one may be, and would be blinding if it were
+    /// thought impossible.
     fn mean(self, pilots: &[Pilot], around: f32) -> f32 {
         let worth = |p: &Pilot| match self {
             Norm::Mean => p.worth,

@@ -277,6 +277,12 @@ impl Scene {
         }
     }
 
+    /// Whether what is hit neither shines nor has holes.
+    pub fn is_plain(&self, hit: &Hit) -> bool {
+        let shape = hit.shape as usize;
+        self.shape_light[shape].is_none() && !self.shape_holes[shape]
+    }
+
     /// What `look` says of the hits along a ray: the first `Some`. The ray ends at what has no holes.
     pub fn find_hit<T>(&self, ray: &Ray, look: impl Fn(&Ray, &Hit) -> Option<T>) -> Option<T> {
         let mut ray = *ray;
