@@ -32,8 +32,8 @@ const DEEPEST: u32 = 40;
 const CHOICES: [u32; 5] = [1, 2, 4, 8, 16];
 /// What a vertex costs without them, in directions; and its other variance, in squares of the mean (both
 /// measured: living-room, 256×144).
-const COST: f32 = 40.0;
-const VARIANCE: f32 = 0.5;
+const COST: f64 = 40.0;
+const VARIANCE: f64 = 0.5;
 
 /// Numbers of directions, by place and by the octant of the normal.
 #[derive(Clone, Debug)]
@@ -55,8 +55,8 @@ enum Node {
 struct Trial {
     p: Vec3,
     n: Vec3,
-    /// Irradiance.
-    all: f32,
+    /// Irradiance over π. In f64, for squares of radiance leave the range of f32.
+    all: f64,
     /// For each of [`CHOICES`] what one direction and what one light sample adds to that of direct light:
     /// first and second moments.
     direct: [[Moments; 2]; CHOICES.len()],
@@ -64,15 +64,15 @@ struct Trial {
 
 /// Means of a random number and of its square.
 #[derive(Clone, Copy, Debug, Default)]
-struct Moments([f32; 2]);
+struct Moments([f64; 2]);
 
 impl Moments {
-    fn add(&mut self, weight: f32, [first, second]: [f32; 2]) {
+    fn add(&mut self, weight: f64, [first, second]: [f64; 2]) {
         self.0[0] += weight * first;
         self.0[1] += weight * second;
     }
 
-    fn variance(self) -> f32 {
+    fn variance(self) -> f64 {
         let [first, second] = self.0;
         (second - first * first).max(0.0)
     }
@@ -171,15 +171,15 @@ fn octant(n: Vec3) -> usize {
 
 /// The number that leaves the least product of time and variance.
 fn directions(trials: &[Trial]) -> u32 {
-    let weight = 1.0 / trials.len() as f32;
-    let all = trials.iter().map(|trial| trial.all).sum::<f32>() * weight;
+    let weight = 1.0 / trials.len() as f64;
+    let all = trials.iter().map(|trial| trial.all).sum::<f64>() * weight;
     let product = |i: usize| {
         let mut moments = [Moments::default(); 2];
         for trial in trials {
             moments.iter_mut().zip(trial.direct[i]).for_each(|(sum, m)| sum.add(weight, m.0));
         }
         let [by_direction, by_light] = moments.map(Moments::variance);
-        let n = CHOICES[i] as f32;
+        let n = f64::from(CHOICES[i]);
         (VARIANCE + (by_direction / n + by_light) / (all * all)) * (COST + n)
     };
     (0..CHOICES.len()).min_by(|&a, &b| product(a).total_cmp(&product(b))).map_or(1, |i| CHOICES[i])
@@ -216,18 +216,19 @@ fn trial(
                 let pdf_w = warp::cosine_hemisphere_pdf_w(wi);
                 let seen = look(scene, maps, &s, frame.to_world(wi), segments_left, scratch);
                 // Over the cosine's density, which a constant remains of.
-                let (all, direct) = (luminance(seen.direct + seen.indirect), luminance(seen.direct));
+                let (all, direct) =
+                    (luminance(seen.direct + seen.indirect), f64::from(luminance(seen.direct)));
                 if !(all.is_finite() && pdf_w > 0.0) {
                     continue;
                 }
-                trial.all += all / TRIES as f32;
+                trial.all += f64::from(all) / TRIES as f64;
                 for (moments, n) in trial.direct.iter_mut().zip(CHOICES) {
                     let (density, light_pdf_w) = (n as f32 * pdf_w, seen.light_pdf_w.max(f32::MIN_POSITIVE));
-                    let by_direction = direct * power_heuristic(density, seen.light_pdf_w);
-                    let by_light = direct * power_heuristic(seen.light_pdf_w, density);
-                    let weight = 1.0 / TRIES as f32;
+                    let by_direction = direct * f64::from(power_heuristic(density, seen.light_pdf_w));
+                    let by_light = direct * f64::from(power_heuristic(seen.light_pdf_w, density));
+                    let weight = 1.0 / TRIES as f64;
                     moments[0].add(weight, [by_direction, by_direction * by_direction]);
-                    moments[1].add(weight, [by_light, by_light * by_light * (pdf_w / light_pdf_w)]);
+                    moments[1].add(weight, [by_light, by_light * by_light * f64::from(pdf_w / light_pdf_w)]);
                 }
             }
             return Some(trial);
@@ -281,7 +282,7 @@ mod tests {
     use crate::scene;
 
     /// Trials on the floor of a unit cube where a direction finds direct light with such a variance.
-    fn trials(n: u64, moment: impl Fn(Vec3) -> f32) -> Vec<Trial> {
+    fn trials(n: u64, moment: impl Fn(Vec3) -> f64) -> Vec<Trial> {
         let trial = |index| {
             let p = Sampler::new(1, Stream::Eye, 0, index).next_2d().extend(0.0);
             let direct = CHOICES.map(|_| [Moments([0.0, moment(p)]), Moments::default()]);

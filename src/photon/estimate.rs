@@ -132,6 +132,10 @@ const SITE_PROBES: u32 = 8;
 /// Photons tell of light as far around them, as a share of the radius: of k = 32, evenly spread, three or four are that near.
 const NEAR: f32 = 0.33;
 
+/// How far to look for photons of the same surface, in radii that hold a leaf of photons of any: of a thin
+/// leg among many, a sphere of the largest radius holds half of the map (classroom).
+const FAR: f32 = 4.0;
+
 /// The radius of the fine level of an estimate, as a share of the wide one's.
 const FINE: f32 = 0.5;
 
@@ -365,12 +369,13 @@ impl Estimator {
     /// Finds the photons around a place that lie on the same surface; returns the square of the radius that holds them.
     fn nearest(&self, map: &PhotonMap, place: Place, heap: &mut KnnHeap) -> f32 {
         let side = Direction::new(place.n_g);
-        map.tree().nearest_filtered(place.p, self.r_max, heap, |slot, d2| {
+        let r_max = self.r_max.min(FAR * map.tree().leaf_radius(place.p));
+        map.tree().nearest_filtered(place.p, r_max, heap, |slot, d2| {
             // Also facing the same way: no leaks through thin walls.
             place.is_beside(map.tree().position(slot), d2, |tag| map.is_on(slot, tag))
                 && map.faces(slot, &side, 0.7)
         });
-        if heap.is_full() { heap.max_dist2() } else { self.r_max * self.r_max }
+        if heap.is_full() { heap.max_dist2() } else { r_max * r_max }
     }
 }
 

@@ -179,6 +179,28 @@ impl KdTree {
         heap.finish();
     }
 
+    /// The distance to the farthest point of the leaf that `p` falls into: a ball that wide holds as many
+    /// points as a leaf, 32 to 64, give or take a factor. 0 without points.
+    pub fn leaf_radius(&self, p: Vec3) -> f32 {
+        let (n_leaves, n_blocks) = (self.planes.len(), self.len.div_ceil(BLOCK));
+        let query = p.to_array();
+        let mut node = 1;
+        while node < n_leaves {
+            let d = query[self.axes[node] as usize] - self.planes[node];
+            node = 2 * node + usize::from(d >= 0.0);
+        }
+        let begin = (node - n_leaves) * n_blocks / n_leaves;
+        let end = (node - n_leaves + 1) * n_blocks / n_leaves;
+        let mut farthest = 0.0f32;
+        for Block([x, y, z]) in &self.blocks[begin..end] {
+            let (x, y, z) = (x - p.x, y - p.y, z - p.z);
+            // Not for NaN, which fills the last block.
+            let d2 = x * x + y * y + z * z;
+            farthest = d2.to_array().into_iter().fold(farthest, f32::max);
+        }
+        farthest.sqrt()
+    }
+
     /// Visits the leaves that may hold points of distance² below `bound`, near ones first. `leaf(first slot, which are
     /// below the bound, distances²)` returns the new bound. Distances² beyond the leaf's points are NaN or not below.
     #[inline(always)]
@@ -767,6 +789,23 @@ mod tests {
             assert!(heap.len() <= 20);
             tree.within(*p, 1.0, |slot, _| assert!(slot < 5_000));
             tree.within(*p, f32::NAN, |_, _| unreachable!());
+        }
+    }
+
+    /// A ball of that radius holds all of a leaf, and of evenly spread points not many more.
+    #[test]
+    fn a_leaf_radius_holds_a_leaf() {
+        for n in [0usize, 1, 5, 64, 65, 1000, 20_000] {
+            let point = |i: usize| {
+                let mut u = crate::math::Sampler::new(5, crate::math::Stream::Eye, n as u64, i as u64);
+                u.next_2d().extend(0.0)
+            };
+            let (tree, _) = KdTree::build_by(n, point);
+            for query in (0..50).map(|i| point(n + i)) {
+                let mut count = 0;
+                tree.within(query, 1.001 * tree.leaf_radius(query), |_, _| count += 1);
+                assert!(count >= n.min(LEAF / 2) && count <= 12 * LEAF, "{n}: {count}");
+            }
         }
     }
 }
