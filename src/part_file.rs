@@ -186,6 +186,12 @@ pub fn write(path: &Path, identity: &Identity, scene: &str, state: &State) -> Re
     })
 }
 
+/// Whether a file is one, of whatever format, cut short or not.
+pub fn is_part(path: &Path) -> bool {
+    let mut magic = [0; MAGIC.len()];
+    File::open(path).is_ok_and(|mut file| file.read_exact(&mut magic).is_ok()) && magic == MAGIC
+}
+
 /// Reads the header only.
 ///
 /// # Errors

@@ -105,6 +105,25 @@ fn bad_command_lines() {
     assert_eq!(dir.names(), ["room.xml"]);
 }
 
+/// What is there already is no place for anything else: a slip of the hand must not cost the scene or a picture.
+#[test]
+fn nothing_is_replaced_by_a_slip() {
+    let dir = Dir::new();
+    dir.scene();
+    dir.image("picture.exr", 2, 2, 1.0);
+    let render = |args: &str| format!("render room.xml --passes 1 -q {args}");
+    dir.fail(&render("-o a.exr --checkpoint room.xml"), 2, &["room.xml", "scene"]);
+    dir.fail(&render("-o a.exr --stats ./room.xml"), 2, &["room.xml", "scene"]);
+    dir.fail(&render("-o a.exr --checkpoint picture.exr"), 2, &["picture.exr", "checkpoint"]);
+    dir.fail(&render("-o a.exr --stats a.exr"), 2, &["a.exr", "twice"]);
+    dir.fail(&render("-o picture.exr --stats ./picture.exr"), 2, &["picture.exr", "twice"]);
+    assert_eq!(dir.names(), ["picture.exr", "room.xml"]);
+    // A checkpoint may be replaced, and a picture by a picture.
+    for _ in 0..2 {
+        dir.succeed(&render("-o picture.exr --checkpoint c.part --stats s.json"));
+    }
+}
+
 #[test]
 fn missing_files() {
     let dir = Dir::new();

@@ -25,6 +25,7 @@ pub(super) fn run(args: &RenderArgs, start: Instant) -> Result<u8> {
     for file in [Some(&output), args.image.stats.as_ref(), args.checkpoint.as_ref()].into_iter().flatten() {
         image_io::check_writable(file)?;
     }
+    check_nothing_lost(args, &output)?;
     if let Some(file) = &args.resume {
         part_file::read_header(file)?;
     }
@@ -107,6 +108,34 @@ fn output_format(args: &RenderArgs, output: &Path) -> Result<Format> {
         (Format::Png, _) if args.aovs => refuse("a PNG has no layers for --aovs; write an .exr"),
         _ if args.checkpoint.as_deref() == Some(output) => refuse("is both the image and the checkpoint"),
         (format, _) => Ok(format),
+    }
+}
+
+/// Refuses to write two things to one file, and to replace the scene, or by a checkpoint what is none.
+fn check_nothing_lost(args: &RenderArgs, output: &Path) -> Result<()> {
+    let refuse = |file: &Path, what: &str| Err(Error::Usage(format!("'{}': {what}", file.display())));
+    let same =
+        |a: &Path, b: &Path| a == b || a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
+    let checkpoint = args.checkpoint.as_deref().filter(|file| *file != output);
+    let written: Vec<&Path> =
+        [Some(output), args.image.stats.as_deref(), checkpoint].into_iter().flatten().collect();
+    for (i, file) in written.iter().enumerate() {
+        if same(file, &args.scene) {
+            return refuse(file, "is the scene; write to another file");
+        }
+        let is_device = file.metadata().is_ok_and(|m| !m.is_file());
+        if !is_device && written[..i].iter().any(|other| same(file, other)) {
+            return refuse(file, "would be written twice; choose two names");
+        }
+    }
+    match checkpoint {
+        Some(file) if file.metadata().is_ok_and(|m| m.is_file() && m.len() > 0) => {
+            match part_file::is_part(file) {
+                true => Ok(()),
+                false => refuse(file, "is no checkpoint, but one would replace it; choose another name"),
+            }
+        }
+        _ => Ok(()),
     }
 }
 

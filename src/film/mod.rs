@@ -268,7 +268,26 @@ pub struct Resolved {
     fine: Vec<f32>,
     /// For each pixel the picture over the mean of its passes, mixed so, and what is to be added to that where the passes have
     /// shown next to nothing.
-    gain: Vec<(Vec3, Vec3)>,
+    gain: Vec<Gain>,
+}
+
+/// How what passes have shown becomes what the picture shows, at one pixel.
+#[derive(Clone, Copy, Debug)]
+struct Gain {
+    factor: Vec3,
+    /// Of lights that the camera sees, and of everything else.
+    rest: [Vec3; 2],
+}
+
+/// What one of the layers that add up to the picture takes of it, where no factor on what passes have shown can bring it about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rest {
+    /// Nothing.
+    Nothing,
+    /// What was seen of lights themselves before the first pass.
+    Emitted,
+    /// What neighbours have seen.
+    Reflected,
 }
 
 /// Estimated error of a picture: square roots of mean squares relative to the picture's values, as in `relmse`.
@@ -538,11 +557,15 @@ impl Film {
             error.1 += (biases[pixel] / scale).element_sum();
             image.push(value.as_vec3());
             noises.push((relative_variance * (value * value + FLOOR)).map(f64::sqrt).as_vec3());
-            let passes = mean[pixel] + self.estimate(pixel, self.levels).value;
+            let emitted = self.estimate(pixel, self.levels).value;
+            let passes = mean[pixel] + emitted;
             // A larger factor would leave rounding of the layers behind.
             let scaled = passes.abs().cmpgt(value.abs() * 1e-3);
             let factor = DVec3::select(scaled, value / passes, DVec3::ONE);
-            gain.push((factor.as_vec3(), DVec3::select(scaled, DVec3::ZERO, value - passes).as_vec3()));
+            let rest = DVec3::select(scaled, DVec3::ZERO, value - passes);
+            let of_lights = DVec3::select(scaled, DVec3::ZERO, self.emitted(pixel).value - emitted);
+            let rest = [of_lights, rest - of_lights].map(|rest| rest.as_vec3());
+            gain.push(Gain { factor: factor.as_vec3(), rest });
         }
         let mean = |sum: f64| if halves { (sum / (3 * n).max(1) as f64).sqrt() } else { 0.0 };
         let picture = |pixels| Image { width: self.width, height: self.height, pixels };
@@ -652,20 +675,25 @@ impl Film {
 
     /// Two layers that are levels of one, mixed as the picture is. Of all layers that add up to it, one takes the `rest` that
     /// no factor on the others can bring about.
-    pub fn layer_of_levels(&self, wide: usize, fine: usize, resolved: &Resolved, rest: bool) -> Image {
+    pub fn layer_of_levels(&self, wide: usize, fine: usize, resolved: &Resolved, rest: Rest) -> Image {
         self.mixed_layer(wide, fine, Some((resolved, rest)))
     }
 
-    fn mixed_layer(&self, wide: usize, fine: usize, resolved: Option<(&Resolved, bool)>) -> Image {
+    fn mixed_layer(&self, wide: usize, fine: usize, resolved: Option<(&Resolved, Rest)>) -> Image {
         let scale = 1.0 / self.passes().max(1) as f64;
         let pixels = (0..self.width * self.height).map(|pixel| {
             let layers = &self.pixel(pixel)[2 * self.block()..];
             let (wide, fine) = (layers[wide].value() * scale, layers[fine].value() * scale);
             let (share, (gain, rest)) = match resolved {
                 None => (0.0, (Vec3::ONE, Vec3::ZERO)),
-                Some((resolved, has_rest)) => {
-                    let (gain, rest) = resolved.gain[pixel];
-                    (f64::from(resolved.fine[pixel]), (gain, if has_rest { rest } else { Vec3::ZERO }))
+                Some((resolved, of)) => {
+                    let Gain { factor, rest: [emitted, reflected] } = resolved.gain[pixel];
+                    let rest = match of {
+                        Rest::Nothing => Vec3::ZERO,
+                        Rest::Emitted => emitted,
+                        Rest::Reflected => reflected,
+                    };
+                    (f64::from(resolved.fine[pixel]), (factor, rest))
                 }
             };
             (wide + (fine - wide) * share).as_vec3() * gain + rest

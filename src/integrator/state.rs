@@ -5,7 +5,7 @@ use super::eye::Eye;
 use super::maps::{Maps, Scratch};
 use super::plan::Plan;
 use super::{Budget, Kind, Options, Seen, Survey, guides, path};
-use crate::film::{self, Film, RelativeError, Values};
+use crate::film::{self, Film, RelativeError, Rest, Values};
 use crate::image_io::{Channels, Image, Layer};
 use crate::math::{Rgb, Sampler, Stream};
 use crate::scene::Scene;
@@ -303,17 +303,16 @@ impl State {
         let resolved = film.resolve();
         let mut layers = Vec::new();
         if self.layout.aovs {
-            let mixed = |[wide, fine]: [usize; 2]| film.layer_of_levels(wide, fine, &resolved, false);
+            let mixed = |[wide, fine]: [usize; 2], rest| film.layer_of_levels(wide, fine, &resolved, rest);
             let scalars = film.layer(layer::SCALARS);
             let mut add = |name: &str, image, channels| {
                 layers.push(Layer { name: name.into(), image, channels });
             };
-            add("direct", mixed([layer::DIRECT; 2]), Channels::Rgb);
-            add("specular", mixed(layer::SPECULAR), Channels::Rgb);
-            add("caustic", mixed(layer::CAUSTIC), Channels::Rgb);
+            add("direct", mixed([layer::DIRECT; 2], Rest::Emitted), Channels::Rgb);
+            add("specular", mixed(layer::SPECULAR, Rest::Nothing), Channels::Rgb);
+            add("caustic", mixed(layer::CAUSTIC, Rest::Nothing), Channels::Rgb);
             // What only neighbours have seen is indirect light most of the time.
-            let [wide, fine] = layer::INDIRECT;
-            add("indirect", film.layer_of_levels(wide, fine, &resolved, true), Channels::Rgb);
+            add("indirect", mixed(layer::INDIRECT, Rest::Reflected), Channels::Rgb);
             add("albedo", film.layer(layer::ALBEDO), Channels::Rgb);
             add("normal", film.layer(layer::NORMAL), Channels::Xyz);
             add("depth", scalars.map(|v| Rgb::splat(v.x)), Channels::Z);
