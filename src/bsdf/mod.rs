@@ -407,7 +407,11 @@ impl<'a> Bsdf<'a> {
 
     /// Whether anything is scattered that arrives on the side of `wo`.
     pub fn scatters_on(&self, wo: Vec3) -> bool {
-        wo.z > 0.0 || (wo.z < 0.0 && (self.two_sided || self.kind.transmits()))
+        wo.z > 0.0 || (wo.z < 0.0 && self.scatters_below())
+    }
+
+    fn scatters_below(&self) -> bool {
+        self.two_sided || self.kind.scatters_below()
     }
 
     /// The constant f (without cosine) of a Lambertian surface, `None` for any other. It holds for both directions on
@@ -529,6 +533,16 @@ impl Kind<'_> {
             Kind::Phong(b) => Some(b.roughness()),
             Kind::Ward(b) => Some(b.roughness()),
             _ => None,
+        }
+    }
+
+    /// Whether light that arrives from below is scattered, there or above.
+    fn scatters_below(&self) -> bool {
+        match self {
+            Kind::Blend(b) => b.any(Bsdf::scatters_below),
+            Kind::Coated(b) => b.nested.scatters_below(),
+            Kind::Perturbed(b) => b.nested.scatters_below(),
+            kind => kind.transmits(),
         }
     }
 

@@ -709,7 +709,15 @@ fn read_vertices<S: Source>(
         }
         if let Some([u, v]) = uv {
             let flip = |v| if options.flip_v { 1.0 - v } else { v };
+            let start = mesh.uvs.len();
             extend(&mut mesh.uvs, count, |i| Vec2::new(number(i, u), flip(number(i, v))));
+            if let Some(i) = first_index(&mesh.uvs[start..], |uv| !uv.is_finite()) {
+                let vertex = first + i as u64;
+                return Err((
+                    i * layout.size,
+                    format!("texture coordinates of vertex {vertex} are not finite"),
+                ));
+            }
         }
         for (group, values) in groups.iter().zip(&mut attributes) {
             extend(values, count, |i| group.of::<S>(layout, &units[i * layout.size..]));
@@ -824,10 +832,16 @@ fn read_faces<S: Source>(
                 Vec2::new(u, if options.flip_v { 1.0 - v } else { v })
             };
             let of_corner = |face, corner| if has_uvs { uv(face, corner) } else { Vec2::ZERO };
+            let start = faces.uvs.len();
             extend(&mut faces.uvs, count * fan, |i| {
                 let (face, k) = (i / fan, i % fan);
                 [0, k + 1, k + 2].map(|corner| of_corner(face, corner))
             });
+            if let Some(i) = first_index(&faces.uvs[start..], |uvs| !uvs.iter().all(|uv| uv.is_finite())) {
+                let face = i / fan;
+                let message = format!("texture coordinates of face {} are not finite", first + face as u64);
+                return Err((face * layout.size, message));
+            }
         }
         let bad = first_index(&mesh.triangles[start..], |t| t.contains(&NONE));
         let Some(face) = bad.map(|i| i / fan) else { return Ok(()) };
@@ -1184,6 +1198,18 @@ mod tests {
             assert!(
                 read_bytes(&bytes).unwrap_err().to_string().contains("face 1 has 5 numbers in 'texcoord'")
             );
+        }
+        // What is no number is no place on a texture.
+        faces[1][1].push(f32::NAN);
+        for bytes in formats(&SQUARE, &[("face", &faces)]) {
+            let error = read_bytes(&bytes).unwrap_err().to_string();
+            assert!(error.contains("texture coordinates of face 1 are not finite"), "{error}");
+        }
+        let vertices: [&[f32]; 3] =
+            [&[0., 0., 0., 0.5, 1.], &[1., 0., 0., f32::INFINITY, 0.], &[0., 1., 0., 0., 0.]];
+        for bytes in formats(&vertices, &[("face", &faces[3..])]) {
+            let error = read_bytes(&bytes).unwrap_err().to_string();
+            assert!(error.contains("texture coordinates of vertex 1 are not finite"), "{error}");
         }
         let vertices: [&[f32]; 3] = [&[0., 0., 0., 0.5, 1.], &[1., 0., 0., 0., 0.], &[0., 1., 0., 0., 0.]];
         for bytes in formats(&vertices, &[("face", &faces[3..])]) {

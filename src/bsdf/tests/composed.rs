@@ -209,3 +209,28 @@ fn tilted_normals_are_those_of_mitsuba() {
         }
     }
 }
+
+/// What scatters from below when it is alone does so in others.
+#[test]
+fn they_scatter_below_as_what_is_in_them_does() {
+    let matt = || Bsdf::diffuse(PAINT);
+    let composed = |nested: Bsdf<'static>| {
+        [
+            tilted(nested.clone(), RULES[0]),
+            Bsdf::blend(rough_metal(), nested.clone(), 0.5),
+            nested.clone().coated(layer(None)),
+            nested.clone().coated(layer(Some(&COATINGS.beckmann))),
+            tilted(Bsdf::blend(Bsdf::null(), nested.clone().coated(layer(None)), 0.4), RULES[1]),
+            nested,
+        ]
+    };
+    let below = Vec3::new(0.1, 0.2, -0.9).normalize();
+    for (both, nested) in [(false, matt()), (true, matt().two_sided())] {
+        for (i, bsdf) in composed(nested).into_iter().enumerate() {
+            let shines =
+                directions().any(|wi| bsdf.eval(below, wi, Mode::Flux, Share::All).max_element() > 0.0);
+            assert_eq!((bsdf.scatters_on(below), shines), (both, both), "{i}");
+            assert!(bsdf.scatters_on(-below));
+        }
+    }
+}

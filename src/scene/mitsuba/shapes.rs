@@ -124,6 +124,8 @@ impl<'a> Loader<'a> {
         let groups = std::mem::take(&mut self.groups);
         let of_group = |group: Props<'a>| {
             let start = self.jobs.len() as u32;
+            // The group itself may have been met since an instance has named it.
+            let group = Props::new(self.tree, group.index);
             self.nested(group, |loader| loader.shapes_of(group, true))?;
             Ok(start..self.jobs.len() as u32)
         };

@@ -794,22 +794,19 @@ fn old_scenes_are_read_in_their_words() {
 
 #[test]
 fn instances_and_attributes() {
-    let scene = load_body(
-        "<shape type='shapegroup' id='g'><shape type='sphere'><point name='center' value='1,0,0'/></shape></shape>\
-         <shape type='instance'><ref id='g'/><transform name='to_world'><scale value='2'/><translate x='1'/></transform>\
-         </shape><shape type='instance'><ref id='g'/></shape>",
-    )
-    .unwrap();
-    let spheres: Vec<_> = scene
-        .geometry
-        .shapes
-        .iter()
-        .map(|shape| match shape {
+    let group = "<shape type='shapegroup' id='g'><shape type='sphere'><point name='center' value='1,0,0'/></shape></shape>";
+    let instances = "<shape type='instance'><ref id='g'/><transform name='to_world'><scale value='2'/>\
+         <translate x='1'/></transform></shape><shape type='instance'><ref id='g'/></shape>";
+    // In whatever order.
+    for body in [format!("{group}{instances}"), format!("{instances}{group}")] {
+        let scene = load_body(&body).unwrap();
+        let sphere = |shape: &Shape| match shape {
             Shape::Sphere(s) => (s.center.x, s.radius),
             other => panic!("{other:?}"),
-        })
-        .collect();
-    assert_eq!(spheres, [(3.0, 2.0), (1.0, 1.0)]);
+        };
+        let spheres: Vec<_> = scene.geometry.shapes.iter().map(sphere).collect();
+        assert_eq!(spheres, [(3.0, 2.0), (1.0, 1.0)]);
+    }
     let error = load_body(
         "<shape type='sphere'><bsdf type='diffuse'>\n<texture name='reflectance' type='mesh_attribute'>\
          <string name='name' value='vertex_color'/></texture></bsdf></shape>",
