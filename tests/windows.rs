@@ -33,27 +33,26 @@ fn more_directions_change_no_mean() {
         "<bsdf type='plastic'/>",
         "<bsdf type='mask'><float name='opacity' value='0.6'/><bsdf type='diffuse'/></bsdf>",
     ] {
-        for backend in backends().take(1) {
-            let scene = parse(&scene(bsdf), 12, backend);
-            let means = |integrator, passes| -> Vec<f64> {
-                let options = |seed| Options {
-                    integrator,
-                    params: params(&["regression=false", "max_depth=2"]),
-                    seed,
-                    budget: Budget::Passes(passes),
-                    aovs: true,
-                };
-                let direct = |seed| {
-                    let rendering = render_with(&scene, &options(seed));
-                    f64::from(mean(layer(&rendering, "direct")).y)
-                };
-                (0..ESTIMATES).map(direct).collect()
+        let backend = backends().next().unwrap();
+        let scene = parse(&scene(bsdf), 12, backend);
+        let means = |integrator, passes| -> Vec<f64> {
+            let options = |seed| Options {
+                integrator,
+                params: params(&["regression=false", "max_depth=2"]),
+                seed,
+                budget: Budget::Passes(passes),
+                aovs: true,
             };
-            let (exact, error) = mean_and_error(&means(Kind::Path, 1024));
-            let bias = 4.0 * error / exact;
-            assert!(bias < 0.01, "{exact} ± {error} is not precise enough");
-            let what = format!("{} {bsdf}", backend.name());
-            assert_mean(&means(Kind::Photonmap, 512), exact, bias, 0.01, &what);
-        }
+            let direct = |seed| {
+                let rendering = render_with(&scene, &options(seed));
+                f64::from(mean(layer(&rendering, "direct")).y)
+            };
+            (0..ESTIMATES).map(direct).collect()
+        };
+        let (exact, error) = mean_and_error(&means(Kind::Path, 1024));
+        let bias = 4.0 * error / exact;
+        assert!(bias < 0.01, "{exact} ± {error} is not precise enough");
+        let what = format!("{} {bsdf}", backend.name());
+        assert_mean(&means(Kind::Photonmap, 512), exact, bias, 0.01, &what);
     }
 }

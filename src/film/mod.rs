@@ -538,7 +538,8 @@ impl Film {
             picture = mixture(&smooth, &difference, &share);
             biases.iter_mut().zip(more).for_each(|(bias, more)| *bias += more);
         }
-        picture = picture.par_iter().enumerate().map(|(i, p)| p.plus(&self.emitted(i), 1.0)).collect();
+        let lights: Vec<Estimate> = (0..n).into_par_iter().map(|pixel| self.emitted(pixel)).collect();
+        picture = picture.par_iter().zip(&lights).map(|(p, light)| p.plus(light, 1.0)).collect();
         // Noise goes with brightness, so it is relative noise that is smoothed.
         let noise = self.windowed(|pixel| {
             let Estimate { value, noise } = picture[pixel];
@@ -563,7 +564,7 @@ impl Film {
             let scaled = passes.abs().cmpgt(value.abs() * 1e-3);
             let factor = DVec3::select(scaled, value / passes, DVec3::ONE);
             let rest = DVec3::select(scaled, DVec3::ZERO, value - passes);
-            let of_lights = DVec3::select(scaled, DVec3::ZERO, self.emitted(pixel).value - emitted);
+            let of_lights = DVec3::select(scaled, DVec3::ZERO, lights[pixel].value - emitted);
             let rest = [of_lights, rest - of_lights].map(|rest| rest.as_vec3());
             gain.push(Gain { factor: factor.as_vec3(), rest });
         }

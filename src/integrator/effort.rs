@@ -193,10 +193,7 @@ fn trial(
     sampler: &mut Sampler,
     scratch: &mut Scratch,
 ) -> Option<Trial> {
-    let (x, y, width, height) = scene.film.crop;
-    let at = sampler.next_2d();
-    let pixel = (x + (at.x * width as f32) as u32, y + (at.y * height as f32) as u32);
-    let mut ray = scene.camera_ray(pixel, sampler);
+    let mut ray = scene.random_camera_ray(sampler);
     for depth in 1..=params.max_segments().min(LONGEST) {
         let s = scene.hit(&ray)?;
         let wo = s.frame.to_local(-ray.d);
@@ -214,18 +211,18 @@ fn trial(
             for _ in 0..TRIES {
                 let wi = warp::cosine_hemisphere(sampler.next_2d());
                 let pdf_w = warp::cosine_hemisphere_pdf_w(wi);
-                let seen = look(scene, maps, &s, frame.to_world(wi), segments_left, scratch);
+                let found = look(scene, maps, &s, frame.to_world(wi), segments_left, scratch);
                 // Over the cosine's density, which a constant remains of.
                 let (all, direct) =
-                    (luminance(seen.direct + seen.indirect), f64::from(luminance(seen.direct)));
+                    (luminance(found.direct + found.indirect), f64::from(luminance(found.direct)));
                 if !(all.is_finite() && pdf_w > 0.0) {
                     continue;
                 }
                 trial.all += f64::from(all) / TRIES as f64;
                 for (moments, n) in trial.direct.iter_mut().zip(CHOICES) {
-                    let (density, light_pdf_w) = (n as f32 * pdf_w, seen.light_pdf_w.max(f32::MIN_POSITIVE));
-                    let by_direction = direct * f64::from(power_heuristic(density, seen.light_pdf_w));
-                    let by_light = direct * f64::from(power_heuristic(seen.light_pdf_w, density));
+                    let (density, light_pdf_w) = (n as f32 * pdf_w, found.light_pdf_w.max(f32::MIN_POSITIVE));
+                    let by_direction = direct * f64::from(power_heuristic(density, found.light_pdf_w));
+                    let by_light = direct * f64::from(power_heuristic(found.light_pdf_w, density));
                     let weight = 1.0 / TRIES as f64;
                     moments[0].add(weight, [by_direction, by_direction * by_direction]);
                     moments[1].add(weight, [by_light, by_light * by_light * f64::from(pdf_w / light_pdf_w)]);
@@ -241,7 +238,7 @@ fn trial(
 }
 
 /// What comes from one direction.
-struct Seen {
+struct Found {
     direct: Rgb,
     indirect: Rgb,
     /// The density with which light sampling finds the direct light.
@@ -257,22 +254,22 @@ fn look(
     wi: Vec3,
     segments_left: u32,
     scratch: &mut Scratch,
-) -> Seen {
+) -> Found {
     let ray = s.spawn(wi);
-    let mut seen = Seen { direct: Rgb::ZERO, indirect: Rgb::ZERO, light_pdf_w: 0.0 };
+    let mut found = Found { direct: Rgb::ZERO, indirect: Rgb::ZERO, light_pdf_w: 0.0 };
     let Some(hit) = scene.hit(&ray) else {
-        (seen.direct, seen.light_pdf_w) = scene.lights.background_with_pdf_w(wi);
-        return seen;
+        (found.direct, found.light_pdf_w) = scene.lights.background_with_pdf_w(wi);
+        return found;
     };
     if let Some(light) = hit.light {
-        seen.direct = scene.emitted(&hit, -wi);
-        seen.light_pdf_w = scene.lights.pdf_emitted_w(light, &scene.geometry, s.p, wi, hit.p, hit.n_g);
+        found.direct = scene.emitted(&hit, -wi);
+        found.light_pdf_w = scene.lights.pdf_emitted_w(light, &scene.geometry, s.p, wi, hit.p, hit.n_g);
     }
     if hit.bsdf.has_smooth() && segments_left > 1 && maps.gathers() {
         let distance = (hit.p - ray.o).length();
-        seen.indirect = maps.gather(&hit, -wi, distance, segments_left - 1, scratch);
+        found.indirect = maps.gather(&hit, -wi, distance, segments_left - 1, scratch);
     }
-    seen
+    found
 }
 
 #[cfg(test)]

@@ -322,22 +322,15 @@ impl Eye<'_> {
     }
 }
 
-/// Density of the direction `wi` (local) of [`sample`].
-fn pdf_w(s: &Surface, wo: Vec3, wi: Vec3, incident: &Incident) -> f32 {
+/// Density of the direction `wi` (local) of [`sample`], and of as many more as make so many `directions`, which
+/// are sampled by the BSDF alone.
+fn density(s: &Surface, wo: Vec3, wi: Vec3, incident: &Incident, directions: u32) -> f32 {
     let by_bsdf = s.bsdf.pdf_w(wo, wi, Mode::Radiance);
-    match incident.share() {
+    let one = match incident.share() {
         0.0 => by_bsdf,
         share => (1.0 - share) * by_bsdf + share * incident.pdf_w(s.frame.to_world(wi)),
-    }
-}
-
-/// The same of so many directions, of which all but one are sampled by the BSDF alone.
-fn density(s: &Surface, wo: Vec3, wi: Vec3, incident: &Incident, directions: u32) -> f32 {
-    let one = pdf_w(s, wo, wi, incident);
-    match directions {
-        1 => one,
-        n => one + (n - 1) as f32 * s.bsdf.pdf_w(wo, wi, Mode::Radiance),
-    }
+    };
+    one + (directions - 1) as f32 * by_bsdf
 }
 
 /// The geometric normal on the side of `wo` (local), if `s` scatters broadly and to that side alone.
@@ -353,14 +346,14 @@ fn sample(s: &Surface, wo: Vec3, incident: &Incident, sampler: &mut Sampler) -> 
     if u < share {
         let wi = s.frame.to_local(incident.sample(u / share, u_dir));
         let f = s.bsdf.eval(wo, wi, Mode::Radiance, Share::All);
-        let pdf_w = pdf_w(s, wo, wi, incident);
+        let pdf_w = density(s, wo, wi, incident, 1);
         let sample = BsdfSample { wi, weight: f / pdf_w, pdf_w, delta: false, eta: 1.0 };
         return (f.max_element() > 0.0 && pdf_w > 0.0).then_some(sample);
     }
     let mut sample = s.bsdf.sample(wo, (u - share) / (1.0 - share), u_dir, Mode::Radiance)?;
     // Only diffuse surfaces know of any, so there is no delta lobe to weight.
     if share > 0.0 {
-        let pdf_w = pdf_w(s, wo, sample.wi, incident);
+        let pdf_w = density(s, wo, sample.wi, incident, 1);
         sample.weight *= sample.pdf_w / pdf_w;
         sample.pdf_w = pdf_w;
     }

@@ -257,10 +257,7 @@ struct Look {
 
 impl Look {
     fn along(&mut self, scene: &Scene, sampler: &mut Sampler) {
-        let (x, y, width, height) = scene.film.crop;
-        let at = sampler.next_2d();
-        let pixel = (x + (at.x * width as f32) as u32, y + (at.y * height as f32) as u32);
-        let mut ray = scene.camera_ray(pixel, sampler);
+        let mut ray = scene.random_camera_ray(sampler);
         let mut beta = Rgb::ONE;
         let mut gather = None;
         for _ in 0..LONGEST {

@@ -234,6 +234,13 @@ impl Scene {
         })
     }
 
+    /// A camera ray through any pixel of the crop window.
+    pub fn random_camera_ray(&self, sampler: &mut Sampler) -> Ray {
+        let (x, y, width, height) = self.film.crop;
+        let at = sampler.next_2d();
+        self.camera_ray((x + (at.x * width as f32) as u32, y + (at.y * height as f32) as u32), sampler)
+    }
+
     /// A camera ray through the pixel (x, y) of the full film, distributed as the reconstruction filter around it.
     pub fn camera_ray(&self, (x, y): (u32, u32), sampler: &mut Sampler) -> Ray {
         let full = Vec2::new(self.film.size.0 as f32, self.film.size.1 as f32);
