@@ -2,11 +2,10 @@
 //! the first pass find out. Through a window, one light sample in a hundred sees the sky, and one direction
 //! of a diffuse surface in ten does; the second is cheap once the vertex is there.
 
-use super::eye::broad_side;
+use super::eye::{Broad, broad_side};
 use super::maps::{Maps, Scratch};
-use super::plan::Plan;
+use super::plan;
 use super::{DirectLight, Params};
-use crate::bsdf::Mode;
 use crate::math::{Frame, Rgb, Sampler, Stream, luminance, power_heuristic, warp};
 use crate::scene::{Scene, Surface};
 use crate::shape::Bounds;
@@ -18,10 +17,6 @@ const PER_PIXEL: f32 = 0.125;
 const FEWEST_PATHS: f32 = 2048.0;
 /// Directions in which each of them tries, where it ends.
 const TRIES: usize = 8;
-/// What is behind more mirrors than that is not worth looking for.
-const LONGEST: u32 = 12;
-/// The seed of all of this: a render learns the same whatever its own.
-const SEED: u64 = u64::MAX;
 /// Regions with more of these ends are divided; fewer tell too little, and what is known of the region around
 /// is used.
 const MOST: usize = 128;
@@ -80,22 +75,19 @@ impl Moments {
 
 impl Effort {
     /// `None` if one direction does everywhere. The same for any number of threads.
-    pub(super) fn new(scene: &Scene, params: &Params, plan: &Plan) -> Option<Effort> {
+    pub(super) fn new(scene: &Scene, params: &Params, pixels: u64, maps: &Maps) -> Option<Effort> {
         if params.direct != DirectLight::Sample || !scene.lights.can_be_met() {
             return None;
         }
-        let few =
-            Plan { global_photons: plan.global_photons.div_ceil(2), caustic_photons: 0, ..plan.clone() };
-        let (maps, _) = Maps::new(scene, params, &few, SEED, 0);
-        let count = (PER_PIXEL * plan.pixels as f32).max(FEWEST_PATHS) as usize;
+        let count = (PER_PIXEL * pixels as f32).max(FEWEST_PATHS) as usize;
         let trials: Vec<Option<Trial>> = (0..count)
             .into_par_iter()
             .with_min_len(64)
             .map_init(
-                || Scratch::new(Some(&maps)),
+                || Scratch::new(Some(maps)),
                 |scratch, index| {
-                    let mut sampler = Sampler::new(SEED, Stream::Pilots, 0, index as u64);
-                    trial(scene, params, &maps, &mut sampler, scratch)
+                    let mut sampler = Sampler::new(plan::SEED, Stream::Pilots, 0, index as u64);
+                    trial(scene, params, maps, &mut sampler, scratch)
                 },
             )
             .collect();
@@ -193,48 +185,29 @@ fn trial(
     sampler: &mut Sampler,
     scratch: &mut Scratch,
 ) -> Option<Trial> {
-    let mut ray = scene.random_camera_ray(sampler);
-    for depth in 1..=params.max_segments().min(LONGEST) {
-        let s = scene.hit(&ray)?;
-        let wo = s.frame.to_local(-ray.d);
-        if s.is_crossed(sampler) {
-            ray = s.spawn(ray.d);
+    let Broad { s, n, segments_left, .. } = Broad::find(scene, params, sampler)?;
+    let frame = Frame::from_normal(n);
+    let mut trial = Trial { p: s.p, n, ..Trial::default() };
+    for _ in 0..TRIES {
+        let wi = warp::cosine_hemisphere(sampler.next_2d());
+        let pdf_w = warp::cosine_hemisphere_pdf_w(wi);
+        let found = look(scene, maps, &s, frame.to_world(wi), segments_left, scratch);
+        // Over the cosine's density, which a constant remains of.
+        let (all, direct) = (luminance(found.direct + found.indirect), f64::from(luminance(found.direct)));
+        if !(all.is_finite() && pdf_w > 0.0) {
             continue;
         }
-        if let Some(n) = broad_side(&s, wo) {
-            let segments_left = params.max_segments() - depth;
-            if segments_left == 0 {
-                return None;
-            }
-            let frame = Frame::from_normal(n);
-            let mut trial = Trial { p: s.p, n, ..Trial::default() };
-            for _ in 0..TRIES {
-                let wi = warp::cosine_hemisphere(sampler.next_2d());
-                let pdf_w = warp::cosine_hemisphere_pdf_w(wi);
-                let found = look(scene, maps, &s, frame.to_world(wi), segments_left, scratch);
-                // Over the cosine's density, which a constant remains of.
-                let (all, direct) =
-                    (luminance(found.direct + found.indirect), f64::from(luminance(found.direct)));
-                if !(all.is_finite() && pdf_w > 0.0) {
-                    continue;
-                }
-                trial.all += f64::from(all) / TRIES as f64;
-                for (moments, n) in trial.direct.iter_mut().zip(CHOICES) {
-                    let (density, light_pdf_w) = (n as f32 * pdf_w, found.light_pdf_w.max(f32::MIN_POSITIVE));
-                    let by_direction = direct * f64::from(power_heuristic(density, found.light_pdf_w));
-                    let by_light = direct * f64::from(power_heuristic(found.light_pdf_w, density));
-                    let weight = 1.0 / TRIES as f64;
-                    moments[0].add(weight, [by_direction, by_direction * by_direction]);
-                    moments[1].add(weight, [by_light, by_light * by_light * f64::from(pdf_w / light_pdf_w)]);
-                }
-            }
-            return Some(trial);
+        trial.all += f64::from(all) / TRIES as f64;
+        for (moments, n) in trial.direct.iter_mut().zip(CHOICES) {
+            let (density, light_pdf_w) = (n as f32 * pdf_w, found.light_pdf_w.max(f32::MIN_POSITIVE));
+            let by_direction = direct * f64::from(power_heuristic(density, found.light_pdf_w));
+            let by_light = direct * f64::from(power_heuristic(found.light_pdf_w, density));
+            let weight = 1.0 / TRIES as f64;
+            moments[0].add(weight, [by_direction, by_direction * by_direction]);
+            moments[1].add(weight, [by_light, by_light * by_light * f64::from(pdf_w / light_pdf_w)]);
         }
-        let u = (sampler.next_1d(), sampler.next_2d());
-        let sample = s.bsdf.sample(wo, u.0, u.1, Mode::Radiance)?;
-        ray = s.spawn(s.frame.to_world(sample.wi));
     }
-    None
+    Some(trial)
 }
 
 /// What comes from one direction.
@@ -275,6 +248,7 @@ fn look(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::integrator::plan::Plan;
     use crate::integrator::{Budget, Kind, Options};
     use crate::scene;
 
@@ -344,7 +318,9 @@ mod tests {
                 budget: Budget::Passes(1),
                 aovs: false,
             };
-            let effort = Effort::new(&scene, &options.params, &Plan::new(&scene, &options));
+            let plan = Plan::new(&scene, &options);
+            let (maps, _) = Maps::new(&scene, &options.params, &plan, 0, 0);
+            let effort = Effort::new(&scene, &options.params, plan.pixels, &maps);
             effort.map_or(1, |effort| effort.at(Vec3::ZERO, Vec3::Z))
         };
         let [open, lit, hole] = [most(sky), most(lamp), most(&format!("{sky}{lid}"))];

@@ -12,7 +12,7 @@ use glam::Vec3;
 
 /// The end of a camera path that is still growing.
 #[derive(Clone, Copy)]
-struct Walk {
+pub(super) struct Walk {
     ray: Ray,
     /// Segments, this one included.
     depth: u32,
@@ -23,7 +23,7 @@ struct Walk {
     beta_emitted: Rgb,
     /// The part that such light belongs to.
     emitted_part: fn(&mut Parts) -> &mut Rgb,
-    /// Whether the path has left a vertex by a broad lobe: what it meets is taken from the global map.
+    /// Whether the path has left a vertex by a broad lobe: what it finds is indirect light.
     gathering: bool,
     /// Whether the first vertex has scattered by a sharp lobe.
     through_sharp: bool,
@@ -39,10 +39,37 @@ struct Walk {
 }
 
 impl Walk {
+    /// A gather ray, its path's segment number `depth`, that shows indirect light only.
+    pub(super) fn gather(ray: Ray, depth: u32) -> Walk {
+        Walk {
+            ray,
+            depth,
+            first: false,
+            beta: Rgb::ONE,
+            beta_emitted: Rgb::ZERO,
+            emitted_part: |parts| &mut parts.indirect,
+            gathering: true,
+            through_sharp: false,
+            straight: false,
+            delta: false,
+            known: true,
+            eta: 1.0,
+            previous: Previous { p: ray.o, pdf_w: None },
+        }
+    }
+
     /// How much throughput `beta` counts for: eta² undoes the scaling of radiance inside glass, which says
     /// nothing about what the path will find.
     fn shown(&self, beta: Rgb) -> f32 {
         beta.max_element() * self.eta * self.eta
+    }
+
+    /// The part of the picture that a gather ray adds to.
+    fn indirect_part(&self) -> fn(&mut Parts) -> &mut Rgb {
+        match self.through_sharp {
+            true => |parts| &mut parts.specular,
+            false => |parts| &mut parts.indirect,
+        }
     }
 }
 
@@ -54,6 +81,8 @@ pub(super) struct Eye<'a> {
     pub(super) scene: &'a Scene,
     pub(super) params: &'a Params,
     pub(super) maps: &'a Maps,
+    /// Whether gather rays go on as paths; if not, the global map tells what they find.
+    pub(super) traces: bool,
     /// In how many directions to look for lights; one without it.
     pub(super) effort: Option<&'a Effort>,
     /// Whether to tell what lies first and how dense photons are there.
@@ -65,7 +94,8 @@ impl Eye<'_> {
     ///
     /// The path follows sharp lobes, and at every vertex that scatters light into them by broad lobes too it
     /// collects direct light and caustics. When it first leaves by a broad lobe it has become a gather ray:
-    /// what it now meets is taken from the global map, through any sharp lobes on the way. Both lobes of a
+    /// what it now meets is taken from the global map, through any sharp lobes on the way, or from lights and
+    /// from the caustic map at each vertex of the path as which it goes on. Both lobes of a
     /// smooth interface are followed, as long as neither is too dim: seen by chance, a lamp's reflection
     /// within glass would be rare and blinding.
     pub(super) fn radiance(
@@ -76,9 +106,7 @@ impl Eye<'_> {
         seen: &mut Seen,
         rays: &mut u64,
     ) -> [Parts; 2] {
-        let mut sum = [Parts::default(); 2];
-        let mut pending = Vec::new();
-        let mut next = Some(Walk {
+        let walk = Walk {
             ray,
             depth: 1,
             first: true,
@@ -92,7 +120,22 @@ impl Eye<'_> {
             known: false,
             eta: 1.0,
             previous: Previous { p: ray.o, pdf_w: None },
-        });
+        };
+        self.follow(walk, sampler, scratch, seen, rays)
+    }
+
+    /// What `walk` and all that branches off it show.
+    pub(super) fn follow(
+        &self,
+        walk: Walk,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+        seen: &mut Seen,
+        rays: &mut u64,
+    ) -> [Parts; 2] {
+        let mut sum = [Parts::default(); 2];
+        let mut pending = Vec::new();
+        let mut next = Some(walk);
         while let Some(mut walk) = next.or_else(|| pending.pop()) {
             *rays += 1;
             seen.smooth |= walk.delta && !walk.first;
@@ -165,9 +208,14 @@ impl Eye<'_> {
         sum
     }
 
+    /// Whether rays that leave by broad lobes find anything but lights.
+    fn gathers(&self) -> bool {
+        self.traces || self.maps.gathers()
+    }
+
     /// Whether a path may find anything behind `s`: by sharp lobes always.
     fn looks_further(&self, s: &Surface) -> bool {
-        self.maps.gathers() || self.params.direct != DirectLight::Off || s.bsdf.diffuse_only().is_none()
+        self.gathers() || self.params.direct != DirectLight::Off || s.bsdf.diffuse_only().is_none()
     }
 
     /// Light that broad lobes send along the path from the surface where it has arrived, wide and fine.
@@ -190,6 +238,12 @@ impl Eye<'_> {
         let segments_left = self.params.max_segments() - walk.depth;
         let (mut caustic, mut indirect) = (Levels::default(), Levels::default());
         let mut direct = Rgb::ZERO;
+        if walk.gathering && self.traces {
+            let light = self.traced(walk, s, wo, segments_left, sampler, scratch, rays);
+            let mut here = Parts::default();
+            *walk.indirect_part()(&mut here) = walk.beta * light;
+            return [here; 2];
+        }
         if walk.gathering {
             let distance = (s.p - walk.previous.p).length();
             indirect.fine = self.maps.gather(s, -walk.ray.d, distance, segments_left, scratch);
@@ -228,6 +282,31 @@ impl Eye<'_> {
             }
             here * walk.beta
         })
+    }
+
+    /// What broad lobes send along a gather ray that goes on as a path, but for the light that it finds there.
+    #[allow(clippy::too_many_arguments)]
+    fn traced(
+        &self,
+        walk: &Walk,
+        s: &Surface,
+        wo: Vec3,
+        segments_left: u32,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+        rays: &mut u64,
+    ) -> Rgb {
+        let caustics = self.maps.caustics(s, -walk.ray.d, segments_left, scratch);
+        let by_bsdf = |wi| s.bsdf.pdf_w(wo, wi, Mode::Radiance);
+        let Some(lit) = direct::sample_light(self.scene, s, wo, segments_left, sampler, rays, by_bsdf) else {
+            return caustics;
+        };
+        // What sharp lobes send is a caustic where it lands.
+        let broad = match s.bsdf.has_rough() {
+            true => s.bsdf.eval(wo, lit.wi, Mode::Radiance, Share::BroadLight),
+            false => lit.f,
+        };
+        caustics + broad * lit.light
     }
 
     /// What one of so many `directions`, taken by the BSDF, finds of lights.
@@ -284,7 +363,11 @@ impl Eye<'_> {
                 false => sample.weight,
             };
             let sharp = (sample.weight - broad).max(Rgb::ZERO);
-            if walk.gathering {
+            if walk.gathering && self.traces {
+                next.beta *= sample.weight;
+                next.beta_emitted = walk.beta * broad;
+                next.emitted_part = walk.indirect_part();
+            } else if walk.gathering {
                 next.beta *= sharp;
                 next.beta_emitted = Rgb::ZERO;
             } else {
@@ -301,7 +384,7 @@ impl Eye<'_> {
                 let prob = if sharp == Rgb::ZERO { 1.0 } else { luminance(broad) / luminance(sample.weight) };
                 if sampler.next_1d() < prob {
                     next.gathering = true;
-                    next.beta *= if self.maps.gathers() { broad / prob } else { Rgb::ZERO };
+                    next.beta *= if self.gathers() { broad / prob } else { Rgb::ZERO };
                 } else {
                     next.through_sharp = true;
                     next.beta *= sharp / (1.0 - prob);
@@ -337,6 +420,45 @@ fn density(s: &Surface, wo: Vec3, wi: Vec3, incident: &Incident, directions: u32
 pub(super) fn broad_side(s: &Surface, wo: Vec3) -> Option<Vec3> {
     let is_broad = s.bsdf.has_smooth() && !s.bsdf.transmits() && !s.bsdf.is_narrow();
     (is_broad && s.bsdf.scatters_on(wo)).then(|| s.n_g * 1f32.copysign(wo.z))
+}
+
+/// Where a camera path through a random pixel first meets what scatters broadly, and to its own side alone.
+pub(super) struct Broad<'a> {
+    pub(super) s: Surface<'a>,
+    /// The geometric normal on that side.
+    pub(super) n: Vec3,
+    /// Where the path has come from, world.
+    pub(super) wo: Vec3,
+    /// Segments that may follow, at least one.
+    pub(super) segments_left: u32,
+    /// Segments of the path.
+    pub(super) depth: u32,
+}
+
+impl<'a> Broad<'a> {
+    /// What is behind more mirrors than that is not worth looking for.
+    const LONGEST: u32 = 12;
+
+    /// `None` if the path meets nothing of the kind.
+    pub(super) fn find(scene: &'a Scene, params: &Params, sampler: &mut Sampler) -> Option<Broad<'a>> {
+        let mut ray = scene.random_camera_ray(sampler);
+        for depth in 1..=params.max_segments().min(Self::LONGEST) {
+            let s = scene.hit(&ray)?;
+            let wo = s.frame.to_local(-ray.d);
+            if s.is_crossed(sampler) {
+                ray = s.spawn(ray.d);
+                continue;
+            }
+            if let Some(n) = broad_side(&s, wo) {
+                let segments_left = params.max_segments() - depth;
+                return (segments_left > 0).then_some(Broad { s, n, wo: -ray.d, segments_left, depth });
+            }
+            let u = (sampler.next_1d(), sampler.next_2d());
+            let sample = s.bsdf.sample(wo, u.0, u.1, Mode::Radiance)?;
+            ray = s.spawn(s.frame.to_world(sample.wi));
+        }
+        None
+    }
 }
 
 /// Samples where a path goes from `s`: by the BSDF, or to where light comes from as far as that is known.

@@ -78,7 +78,7 @@ pub(super) fn guides(scene: &Scene, options: &Options, plan: &Plan) -> (Vec<Guid
     let params = Params { direct: DirectLight::Off, ..options.params.clone() };
     let plan = Plan { global_photons: 0, caustic_photons: 0, ..plan.clone() };
     let (maps, _) = Maps::new(scene, &params, &plan, options.seed, 0);
-    let eye = Eye { scene, params: &params, maps: &maps, effort: None, aovs: false };
+    let eye = Eye { scene, params: &params, maps: &maps, traces: false, effort: None, aovs: false };
     let (x0, y0, width, height) = scene.film.crop;
     let (width, height) = (width as usize, height as usize);
     let see = |pixel: usize, index: u64, scratch: &mut Scratch, rays: &mut u64| {

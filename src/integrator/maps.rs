@@ -6,8 +6,8 @@ use crate::bsdf::Share;
 use crate::math::Rgb;
 use crate::photon::kdtree::KnnHeap;
 use crate::photon::{
-    Emission, Estimator, Incident, Irradiance, Levels, Photon, PhotonMap, Photons, Splat, Splatter, Store,
-    trace,
+    Among, Emission, Estimator, Incident, Irradiance, Levels, Photon, PhotonMap, Photons, Splat, Splatter,
+    Store, trace,
 };
 use crate::scene::{Scene, Surface};
 use glam::Vec3;
@@ -133,7 +133,7 @@ impl Maps {
             caustic,
             global_estimator,
             irradiance,
-            caustic_estimator: estimator(params.caustic_k, params.caustic_radius),
+            caustic_estimator: estimator(params.caustic_k, params.caustic_radius).among(Among::All),
             final_gather: params.final_gather,
             splats,
         };
@@ -193,6 +193,13 @@ impl Maps {
             scratch.incident.fill(&self.global, &scratch.global, others);
         }
         (caustic, indirect)
+    }
+
+    /// Radiance towards `wo` (world) that the caustic map shows where a path arrives that is seen by broad lobes.
+    pub(super) fn caustics(&self, s: &Surface, wo: Vec3, max_depth: u32, scratch: &mut Scratch) -> Rgb {
+        let what = Photons { depths: (1, depth_limit(max_depth)), caustics: true };
+        let (estimator, heap) = (&self.caustic_estimator, &mut scratch.caustic);
+        estimator.radiance(&self.caustic, s, wo, Share::BroadLight, what, false, heap).wide
     }
 
     /// Photons stored per area around `s`, in both maps.

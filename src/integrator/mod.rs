@@ -4,6 +4,7 @@ mod direct;
 mod effort;
 mod eye;
 mod guides;
+mod indirect;
 mod maps;
 mod params;
 mod parts;
@@ -12,7 +13,7 @@ mod plan;
 mod state;
 mod survey;
 
-pub use params::{DirectLight, Params};
+pub use params::{DirectLight, IndirectLight, Params};
 pub use parts::Parts;
 pub use state::{Layout, PhotonCounts, Progress, Rendering, Seconds, Skipped, State, Statistics};
 pub use survey::{CasterSurvey, LightSurvey, Survey};

@@ -14,6 +14,17 @@ pub enum DirectLight {
     Off,
 }
 
+/// Where indirect light comes from that gather rays find.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum IndirectLight {
+    /// Whichever leaves less noise.
+    Auto,
+    /// From the global map, which also shows it where the camera looks.
+    Map,
+    /// From lights, sampled along the paths as which gather rays go on, and from the caustic map.
+    Path,
+}
+
 /// Parameters of the integrators, with their defaults.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Params {
@@ -42,6 +53,9 @@ pub struct Params {
     pub guided_gather: bool,
     /// `direct`: direct light is taken by `sample` (default), from the `map`, or is `off`.
     pub direct: DirectLight,
+    /// `indirect`: indirect light is taken from the `map`, by tracing each `path` to its end, or `auto` by what
+    /// leaves less noise (default).
+    pub indirect: IndirectLight,
     /// `alpha`: how fast the lookup radius shrinks from pass to pass, in (0, 1] where 1 keeps it (2/3).
     pub alpha: f32,
     /// `max_depth`: longest path in segments, −1 for no limit (default); 1 shows only what lights emit.
@@ -70,6 +84,7 @@ impl Default for Params {
             irradiance_cache: true,
             guided_gather: true,
             direct: DirectLight::Sample,
+            indirect: IndirectLight::Auto,
             alpha: 2.0 / 3.0,
             max_depth: -1,
             rr_depth: 5,
@@ -135,6 +150,14 @@ impl Params {
                     _ => return out_of_range("one of sample, map, off"),
                 }
             }
+            "indirect" => {
+                self.indirect = match value.trim() {
+                    "auto" => IndirectLight::Auto,
+                    "map" => IndirectLight::Map,
+                    "path" => IndirectLight::Path,
+                    _ => return out_of_range("one of auto, map, path"),
+                }
+            }
             "alpha" => match number::<f32>(name, value)? {
                 a if a > 0.0 && a <= 1.0 => self.alpha = a,
                 _ => return out_of_range("above 0 and at most 1"),
@@ -153,7 +176,7 @@ impl Params {
                 return Err(Error::Usage(format!(
                     "unknown parameter '{name}': known are global_photons, caustic_photons, global_k, caustic_k, \
                      global_radius, caustic_radius, kernel, final_gather, regression, irradiance_cache, \
-                     guided_gather, direct, alpha, max_depth, rr_depth, hide_emitters"
+                     guided_gather, direct, indirect, alpha, max_depth, rr_depth, hide_emitters"
                 )));
             }
         }
@@ -175,6 +198,7 @@ impl Params {
             irradiance_cache,
             guided_gather,
             direct,
+            indirect,
             alpha,
             max_depth,
             rr_depth,
@@ -194,6 +218,7 @@ impl Params {
             ("irradiance_cache", irradiance_cache.to_string()),
             ("guided_gather", guided_gather.to_string()),
             ("direct", format!("{direct:?}").to_lowercase()),
+            ("indirect", format!("{indirect:?}").to_lowercase()),
             ("alpha", alpha.to_string()),
             ("max_depth", max_depth.to_string()),
             ("rr_depth", rr_depth.to_string()),
@@ -232,6 +257,7 @@ mod tests {
             irradiance_cache: false,
             guided_gather: false,
             direct: DirectLight::Off,
+            indirect: IndirectLight::Path,
             alpha: 1.0 / 3.0,
             max_depth: 7,
             rr_depth: 8,

@@ -2,9 +2,14 @@
 //! reason.
 
 use super::effort::Effort;
-use super::{DirectLight, Kind, Options, Params, Skipped, Survey};
+use super::indirect;
+use super::maps::Maps;
+use super::{DirectLight, IndirectLight, Kind, Options, Params, Skipped, Survey};
 use crate::photon::{Emission, Guide, Importance, Learnt, Store, Uses};
 use crate::scene::Scene;
+
+/// The seed of what is tried before the first pass: a render learns the same whatever its own.
+pub(super) const SEED: u64 = u64::MAX;
 
 /// The work of each pass.
 #[derive(Clone, Debug)]
@@ -19,6 +24,8 @@ pub(super) struct Plan {
     pub(super) caustic_guide: Option<Guide>,
     /// In how many directions lights are looked for, if that is more than one anywhere; not before [`Plan::learn`].
     pub(super) effort: Option<Effort>,
+    /// Whether gather rays go on as paths in place of looking at the global map; not before [`Plan::learn`].
+    pub(super) traces_indirect: bool,
     /// Pixels of the film.
     pub(super) pixels: u64,
     /// Radius of the scene, which relative lookup radii refer to.
@@ -44,6 +51,7 @@ impl Plan {
             global_guide: None,
             caustic_guide: None,
             effort: None,
+            traces_indirect: false,
             pixels,
             radius: scene.bounds.radius(),
             skipped: Vec::new(),
@@ -105,7 +113,23 @@ impl Plan {
         }
         self.global_guide = global.and_then(|learnt| learnt.guide);
         self.caustic_guide = caustics.and_then(|learnt| learnt.guide);
-        self.effort = Effort::new(scene, params, self);
+        let [global, caustic] = [self.global_photons, self.caustic_photons].map(|count| count.div_ceil(2));
+        let few = Plan { global_photons: global, caustic_photons: caustic, ..self.clone() };
+        let maps = [0, 1].map(|pass| Maps::new(scene, params, &few, SEED, pass).0);
+        self.effort = Effort::new(scene, params, self.pixels, &maps[0]);
+        // Without final gathering, the map is to be shown.
+        self.traces_indirect = params.final_gather
+            && params.direct != DirectLight::Map
+            && match params.indirect {
+                IndirectLight::Auto => indirect::is_better_traced(scene, params, &maps),
+                IndirectLight::Map => false,
+                IndirectLight::Path => true,
+            };
+        if self.traces_indirect && params.skip {
+            self.global_photons = 0;
+            let reason = "gather rays that go on as paths leave less noise than photons do";
+            self.skipped.push(Skipped { stage: "global map".into(), reason: reason.into() });
+        }
     }
 
     /// Whether any photons are shot.

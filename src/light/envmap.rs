@@ -19,12 +19,30 @@ pub struct Envmap {
     pub(super) to_local: Mat3,
     /// For each row the running integral of luminance over its `width` spans from texel centre to texel centre.
     columns: Vec<f32>,
+    /// For each row where the parts of equal luminance begin into which it is divided, [`STARTS`] and the last span.
+    starts: Vec<u32>,
     /// The spans between rows, by luminance per solid angle.
     rows: Discrete,
     /// ∫ L dω, W·m⁻².
     integral: Rgb,
     /// 1 / ∫ luminance dω; 0 for a black map.
     inv_luminance: f32,
+}
+
+/// Parts of a row that are found at once: what is left to search lies close together in memory.
+const STARTS: usize = 256;
+
+/// The last span that begins at or before `target`, from `first` and before `end`.
+fn last_span(mut first: usize, end: usize, target: f32, begins: impl Fn(usize) -> f32) -> usize {
+    let mut count = end - first;
+    while count > 1 {
+        let half = count / 2;
+        if begins(first + half) <= target {
+            first += half;
+        }
+        count -= half;
+    }
+    first
 }
 
 impl Envmap {
@@ -61,6 +79,11 @@ impl Envmap {
                 columns.push(sum as f32);
             }
         }
+        let starts = columns.chunks(width + 1).flat_map(|row| {
+            let at = |k| last_span(0, width, row[width] * (k as f32 / STARTS as f32), |x| row[x]) as u32;
+            (0..=STARTS).map(at)
+        });
+        let starts = starts.collect();
         let row_sums: Vec<[f64; 3]> = pixels
             .chunks(width)
             .map(|row| {
@@ -90,6 +113,7 @@ impl Envmap {
             to_world,
             to_local: to_world.inverse(),
             columns,
+            starts,
             rows: Discrete::new(spans.iter().map(|s| if largest > 0.0 { (s / largest) as f32 } else { 0.0 })),
             integral: Rgb::from_array(sums.map(|s| s as f32)),
             inv_luminance: if total > 0.0 { (1.0 / total) as f32 } else { 0.0 },
@@ -139,15 +163,12 @@ impl Envmap {
         let t = fy as f32;
         let running = |x: usize| upper[x] * (1.0 - t) + lower[x] * t;
         let target = u.x * running(self.width);
-        // The last span that begins at or before the target.
-        let (mut x, mut count) = (0, self.width);
-        while count > 1 {
-            let half = count / 2;
-            if running(x + half) <= target {
-                x += half;
-            }
-            count -= half;
-        }
+        // Where a share of a mixture ends lies between where that of either row ends.
+        let part = ((u.x * STARTS as f32) as usize).min(STARTS - 1);
+        let [a, b] = [y, y + 1].map(|y| &self.starts[y * (STARTS + 1) + part..]);
+        let (first, last) = (a[0].min(b[0]) as usize, a[1].max(b[1]) as usize);
+        // By one more, for rounding.
+        let x = last_span(first.saturating_sub(1), (last + 2).min(self.width), target, running);
         let (begin, end) = (running(x), running(x + 1));
         let texel = |x: usize, y: usize| luminance(self.pixels[y * self.width + x % self.width]);
         let mix = |x: usize| texel(x, y) * (1.0 - t) + texel(x, y + 1) * t;

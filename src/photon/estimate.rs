@@ -106,6 +106,18 @@ pub struct Estimator {
     pub shrink: f32,
     /// The kernel.
     pub kernel: Kernel,
+    /// Which photons set the radius.
+    pub among: Among,
+}
+
+/// Which photons the `k` are that set the radius of an estimate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Among {
+    /// Those on the same surface, as far as [`FAR`] tells where to look for them.
+    Same,
+    /// All. Where another surface is brighter, fewer are left for the estimate; the search for as many of a dim
+    /// one would go through all of the bright one's (classroom: half of the time).
+    All,
 }
 
 /// The photons that take part in an estimate.
@@ -232,7 +244,18 @@ impl Estimator {
         let enough = (2.0 * k as f32 * shrink * shrink).ceil() as u32;
         let fewer = enough.max(Self::FEWEST).min(k);
         let by_number = (fewer as f32 / k as f32).sqrt();
-        Estimator { k: fewer, r_max: r_max * by_number, shrink: shrink / by_number, kernel }
+        Estimator {
+            k: fewer,
+            r_max: r_max * by_number,
+            shrink: shrink / by_number,
+            kernel,
+            among: Among::Same,
+        }
+    }
+
+    /// The same with a radius that photons `among` those around set.
+    pub fn among(self, among: Among) -> Estimator {
+        Estimator { among, ..self }
     }
 
     /// How many photons the disk of a lookup holds.
@@ -297,11 +320,11 @@ impl Estimator {
         heap: &mut KnnHeap,
         factor: impl Fn(u32) -> Rgb,
     ) -> (Levels, f32) {
-        let r2_full = self.nearest(map, place, heap);
-        let r2_own = if heap.is_full() { r2_full } else { f32::INFINITY };
+        let (r2_full, is_full) = self.nearest(map, place, heap);
+        let r2_own = if is_full { r2_full } else { f32::INFINITY };
         let r2 = r2_full * self.shrink * self.shrink;
-        if r2 <= 0.0 {
-            return (Levels::default(), 0.0);
+        if r2 <= 0.0 || heap.is_empty() {
+            return (Levels::default(), r2.sqrt());
         }
         // What of the disk hangs over the edge of the surface holds no photons.
         let r = r2.sqrt();
@@ -361,21 +384,35 @@ impl Estimator {
         if map.is_empty() {
             return 0.0;
         }
-        let area = PI * self.nearest(map, Place::of(s), heap);
-        let count = if heap.is_full() { heap.len() - 1 } else { heap.len() };
+        let (r2, is_full) = self.nearest(map, Place::of(s), heap);
+        let area = PI * r2;
+        let count = heap.iter().filter(|&(_, d2)| !is_full || d2 < r2).count();
         if area > 0.0 { count as f32 / area } else { 0.0 }
     }
 
-    /// Finds the photons around a place that lie on the same surface; returns the square of the radius that holds them.
-    fn nearest(&self, map: &PhotonMap, place: Place, heap: &mut KnnHeap) -> f32 {
-        let side = Direction::new(place.n_g);
-        let r_max = self.r_max.min(FAR * map.tree().leaf_radius(place.p));
-        map.tree().nearest_filtered(place.p, r_max, heap, |slot, d2| {
-            // Also facing the same way: no leaks through thin walls.
-            place.is_beside(map.tree().position(slot), d2, |tag| map.is_on(slot, tag))
+    /// Finds the photons around a place that lie on the same surface; returns the square of the radius that holds them,
+    /// and whether a photon set it.
+    fn nearest(&self, map: &PhotonMap, place: Place, heap: &mut KnnHeap) -> (f32, bool) {
+        let (tree, side) = (map.tree(), Direction::new(place.n_g));
+        // Also facing the same way: no leaks through thin walls.
+        let is_beside = |slot, d2| {
+            place.is_beside(tree.position(slot), d2, |tag| map.is_on(slot, tag))
                 && map.faces(slot, &side, 0.7)
-        });
-        if heap.is_full() { heap.max_dist2() } else { r_max * r_max }
+        };
+        let r_max = match self.among {
+            Among::Same => self.r_max.min(FAR * tree.leaf_radius(place.p)),
+            Among::All => self.r_max,
+        };
+        match self.among {
+            Among::Same => tree.nearest_filtered(place.p, r_max, heap, is_beside),
+            Among::All => tree.nearest(place.p, r_max, heap),
+        }
+        let is_full = heap.is_full();
+        let r2 = if is_full { heap.max_dist2() } else { r_max * r_max };
+        if self.among == Among::All {
+            heap.retain(is_beside);
+        }
+        (r2, is_full)
     }
 }
 

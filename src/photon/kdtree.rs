@@ -388,6 +388,16 @@ impl KnnHeap {
         max(&self.d2[..self.len])
     }
 
+    /// Keeps those that `keep(slot, distance²)`.
+    pub fn retain(&mut self, keep: impl Fn(u32, f32) -> bool) {
+        let mut n = 0;
+        for i in 0..self.len {
+            (self.slots[n], self.d2[n]) = (self.slots[i], self.d2[i]);
+            n += usize::from(keep(self.slots[n], self.d2[n]));
+        }
+        self.len = n;
+    }
+
     fn clear(&mut self, bound: f32) {
         self.len = 0;
         self.bound = bound;

@@ -14,7 +14,7 @@ mod pilots;
 mod splat;
 mod trace;
 
-pub use estimate::{Estimator, Kernel, Levels, Photons, Place, Site};
+pub use estimate::{Among, Estimator, Kernel, Levels, Photons, Place, Site};
 pub use guide::Guide;
 pub use importance::{Importance, Uses};
 pub use incident::Incident;
