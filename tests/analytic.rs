@@ -271,7 +271,7 @@ fn density_estimation_is_unbiased_where_light_is_even() {
         let mut at = |x: f32, y: f32| {
             let s = scene.hit(&Ray::new(Vec3::new(x, y, 1.0), -Vec3::Z)).unwrap();
             KERNELS.map(|kernel| {
-                let estimator = Estimator { k: 32, r_max: 1.0, shrink: 1.0, kernel };
+                let estimator = Estimator::new(32, 1.0, 1.0, kernel);
                 let what = Photons { depths: (1, 1), caustics: true };
                 let levels = estimator.radiance(&map, &s, Vec3::Z, Share::All, what, true, &mut heap);
                 [levels.wide.x, levels.fine.x].map(|l| l as f64 * PI)

@@ -20,7 +20,7 @@ const SPOT: &str = r#"<scene version="3.0.0">
 fn pictures(scene: &Scene, setting: &str) -> Vec<Image> {
     let options = |seed| Options {
         integrator: Kind::Photonmap,
-        params: params(&[setting, "regression=false", "global_photons=4096"]),
+        params: params(&["indirect=map", setting, "regression=false", "global_photons=4096"]),
         seed,
         budget: Budget::Passes(64),
         aovs: false,

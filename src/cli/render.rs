@@ -5,7 +5,7 @@ use super::checkpoint::{Checkpoint, resume};
 use super::output::{Format, Origin, Run, Stats, error_text, write_image};
 use super::prepare::{Prepared, prepare, with_threads};
 use super::{INTERRUPTED, info};
-use caustica::integrator::{Budget, Layout, Progress, State};
+use caustica::integrator::{self, Budget, Layout, Progress, State};
 use caustica::part_file::{self, Identity};
 use caustica::{Error, Result, image_io};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -184,9 +184,13 @@ fn trace(
     bar.enable_steady_tick(Duration::from_millis(500));
     let mut first = None;
     let mut is_told = false;
+    let known = integrator::plan(&prepared.scene, &prepared.options).len();
     state.render(&prepared.scene, &prepared.options, &mut |progress, state| {
         if !std::mem::replace(&mut is_told, true) {
-            bar.suspend(|| state.statistics.survey.lines().iter().for_each(|line| verbosity.detail(line)));
+            let survey = state.statistics.survey.lines();
+            // What the scene alone tells of was told before.
+            let learnt = state.statistics.skipped.iter().skip(known).map(|s| format!("  no {}: {}", s.stage, s.reason));
+            bar.suspend(|| survey.into_iter().chain(learnt).for_each(|line| verbosity.detail(&line)));
         }
         bar.set_position((progress.fraction.clamp(0.0, 1.0) * STEPS as f64) as u64);
         let error = progress.error.map_or(String::new(), |e| format!(", {}", error_text(&e)));

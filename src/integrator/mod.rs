@@ -88,11 +88,12 @@ pub struct PhotonRecord {
     pub caustic: bool,
 }
 
-/// The photons that the first pass stores.
+/// The photons that the first pass stores, those of the global map also where indirect light is not taken from it.
 pub fn photon_records(scene: &Scene, options: &Options) -> Vec<PhotonRecord> {
     let mut plan = Plan::new(scene, options);
-    plan.learn(scene, &options.params);
-    maps::photons(scene, &options.params, &plan, options.seed)
+    let params = Params { indirect: IndirectLight::Map, ..options.params.clone() };
+    plan.learn(scene, &params);
+    maps::photons(scene, &params, &plan, options.seed)
         .into_iter()
         .map(|(photon, caustic)| PhotonRecord { p: photon.p, d: -photon.wi, flux: photon.flux, caustic })
         .collect()

@@ -35,7 +35,7 @@ fn seen(name: &str, photons: Vec<Photon>, at: [f32; 2]) -> [f32; 4] {
         [Kernel::Constant, Kernel::Cone, Kernel::Epanechnikov, Kernel::Biweight].map(|kernel| {
             let what = Photons { depths: (1, 9), caustics: true };
             let mut heap = KnnHeap::new(50);
-            let estimator = Estimator { k: 50, r_max: R_MAX, shrink: 1.0, kernel };
+            let estimator = Estimator::new(50, R_MAX, 1.0, kernel);
             let Levels { wide, fine } =
                 estimator.radiance(&map, &s, Vec3::Z, Share::All, what, true, &mut heap);
             let density = estimator.density(&map, &s, &mut heap);
