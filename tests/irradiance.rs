@@ -60,7 +60,7 @@ fn it_is_unbiased_where_light_is_even() {
 fn it_does_not_show() {
     let scene = load(&own_scene("cornell-diffuse.xml"), 64, backends().next().unwrap());
     let picture = |on: &str| {
-        let settings = [on, "global_photons=4096", "global_k=64"];
+        let settings = [on, "indirect=map", "global_photons=4096", "global_k=64"];
         render(&scene, Kind::Photonmap, &settings, 4).image
     };
     let (with, without) = (picture("irradiance_cache=true"), picture("irradiance_cache=false"));

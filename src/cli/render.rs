@@ -189,7 +189,12 @@ fn trace(
         if !std::mem::replace(&mut is_told, true) {
             let survey = state.statistics.survey.lines();
             // What the scene alone tells of was told before.
-            let learnt = state.statistics.skipped.iter().skip(known).map(|s| format!("  no {}: {}", s.stage, s.reason));
+            let learnt = state
+                .statistics
+                .skipped
+                .iter()
+                .skip(known)
+                .map(|s| format!("  no {}: {}", s.stage, s.reason));
             bar.suspend(|| survey.into_iter().chain(learnt).for_each(|line| verbosity.detail(&line)));
         }
         bar.set_position((progress.fraction.clamp(0.0, 1.0) * STEPS as f64) as u64);

@@ -181,10 +181,7 @@ impl Eye<'_> {
                 continue;
             }
             let wo = s.frame.to_local(-walk.ray.d);
-            let directions = match self.effort {
-                Some(effort) if walk.delta && !walk.gathering => effort.directions(s, wo),
-                _ => 1,
-            };
+            let directions = self.directions(&walk, s, wo);
             let here = self.collect(&walk, s, wo, directions, sampler, scratch, rays);
             sum.iter_mut().zip(here).for_each(|(sum, here)| *sum += here);
             if !self.looks_further(s) {
@@ -206,6 +203,18 @@ impl Eye<'_> {
             };
         }
         sum
+    }
+
+    /// In how many directions to look for lights from `s`.
+    fn directions(&self, walk: &Walk, s: &Surface, wo: Vec3) -> u32 {
+        match self.effort {
+            Some(effort) if self.traces || !walk.gathering => {
+                let all = effort.directions(s, wo);
+                // Fewer where less of what is found shows.
+                ((all as f32 * walk.shown(walk.beta)).ceil() as u32).clamp(1, all)
+            }
+            _ => 1,
+        }
     }
 
     /// Whether rays that leave by broad lobes find anything but lights.
@@ -239,7 +248,7 @@ impl Eye<'_> {
         let (mut caustic, mut indirect) = (Levels::default(), Levels::default());
         let mut direct = Rgb::ZERO;
         if walk.gathering && self.traces {
-            let light = self.traced(walk, s, wo, segments_left, sampler, scratch, rays);
+            let light = self.traced(walk, s, wo, directions, segments_left, sampler, scratch, rays);
             let mut here = Parts::default();
             *walk.indirect_part()(&mut here) = walk.beta * light;
             return [here; 2];
@@ -271,8 +280,16 @@ impl Eye<'_> {
                 }
             }
             for _ in 1..directions {
-                direct +=
-                    self.look_for_light(s, wo, &scratch.incident, directions, segments_left, sampler, rays);
+                direct += self.look_for_light(
+                    s,
+                    wo,
+                    Share::All,
+                    &scratch.incident,
+                    directions,
+                    segments_left,
+                    sampler,
+                    rays,
+                );
             }
         }
         [(caustic.wide, indirect.wide), (caustic.fine, indirect.fine)].map(|(caustic, indirect)| {
@@ -291,30 +308,46 @@ impl Eye<'_> {
         walk: &Walk,
         s: &Surface,
         wo: Vec3,
+        directions: u32,
         segments_left: u32,
         sampler: &mut Sampler,
         scratch: &mut Scratch,
         rays: &mut u64,
     ) -> Rgb {
-        let caustics = self.maps.caustics(s, -walk.ray.d, segments_left, scratch);
-        let by_bsdf = |wi| s.bsdf.pdf_w(wo, wi, Mode::Radiance);
-        let Some(lit) = direct::sample_light(self.scene, s, wo, segments_left, sampler, rays, by_bsdf) else {
-            return caustics;
-        };
+        let mut sum = self.maps.caustics(s, -walk.ray.d, segments_left, scratch);
         // What sharp lobes send is a caustic where it lands.
-        let broad = match s.bsdf.has_rough() {
-            true => s.bsdf.eval(wo, lit.wi, Mode::Radiance, Share::BroadLight),
-            false => lit.f,
-        };
-        caustics + broad * lit.light
+        let lobes = Share::BroadLight;
+        let other_pdf_w = |wi| density(s, wo, wi, &scratch.incident, directions);
+        let lit = direct::sample_light(self.scene, s, wo, segments_left, sampler, rays, other_pdf_w);
+        if let Some(lit) = lit {
+            let broad = match s.bsdf.has_rough() {
+                true => s.bsdf.eval(wo, lit.wi, Mode::Radiance, lobes),
+                false => lit.f,
+            };
+            sum += broad * lit.light;
+        }
+        for _ in 1..directions {
+            sum += self.look_for_light(
+                s,
+                wo,
+                lobes,
+                &scratch.incident,
+                directions,
+                segments_left,
+                sampler,
+                rays,
+            );
+        }
+        sum
     }
 
-    /// What one of so many `directions`, taken by the BSDF, finds of lights.
+    /// What `lobes` send of the lights that one of so many `directions`, taken by the BSDF, finds.
     #[allow(clippy::too_many_arguments)]
     fn look_for_light(
         &self,
         s: &Surface,
         wo: Vec3,
+        lobes: Share,
         incident: &Incident,
         directions: u32,
         segments_left: u32,
@@ -327,7 +360,14 @@ impl Eye<'_> {
         let previous = Previous { p: s.p, pdf_w: Some(density) };
         let ray = s.spawn(s.frame.to_world(sample.wi));
         let light = direct::along(self.scene, ray, &previous, segments_left, sampler, rays);
-        sample.weight * (sample.pdf_w / density) * light
+        if light == Rgb::ZERO {
+            return light;
+        }
+        let f = match lobes == Share::All || !s.bsdf.has_rough() {
+            true => sample.weight * sample.pdf_w,
+            false => s.bsdf.eval(wo, sample.wi, Mode::Radiance, lobes),
+        };
+        f * light / density
     }
 
     /// The path after scattering by `sample`, which is to show the part `share` of the lights that are found
@@ -365,7 +405,7 @@ impl Eye<'_> {
             let sharp = (sample.weight - broad).max(Rgb::ZERO);
             if walk.gathering && self.traces {
                 next.beta *= sample.weight;
-                next.beta_emitted = walk.beta * broad;
+                next.beta_emitted = walk.beta * broad * share;
                 next.emitted_part = walk.indirect_part();
             } else if walk.gathering {
                 next.beta *= sharp;
