@@ -182,7 +182,7 @@ def main():
     session.Start()
     clock.loaded()
 
-    def write(path):
+    def write(path, _):
         session.GetFilm().SaveOutput(path, pyluxcore.FilmOutputType.RGB, pyluxcore.Properties())
 
     def passes():

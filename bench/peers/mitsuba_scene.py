@@ -199,6 +199,9 @@ def main():
         result = Reader(path, dict(define.split("=", 1) for define in defines)).scene()
     except Unknown as unknown:
         result = unknown
+    except RuntimeError as error:
+        # Mitsuba's own: a plugin that it lacks, or a scene of another version.
+        result = Unknown(" ".join(str(error).split()))
     sys.stdout.buffer.write(pickle.dumps(result))
 
 

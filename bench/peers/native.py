@@ -80,17 +80,19 @@ def main():
             step += 1
         samples = samples_of(step)
         output = os.path.join(outdir, f"{samples}.exr")
-        began = time.perf_counter()
+        began, cpu_began = time.perf_counter(), peer.cpu_time()
         done = subprocess.run(
             command(arguments, scene, output, samples), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
         )
-        seconds = time.perf_counter() - began
+        seconds, cpu_seconds = time.perf_counter() - began, peer.cpu_time() - cpu_began
         if done.returncode != 0 or not glob.glob(output):
             raise SystemExit(f"{name}: {done.stderr.decode(errors='replace').strip()[-300:] or 'made no EXR'}")
         step += 1
         if seconds >= budgets[0]:
             budgets = [budget for budget in budgets if budget > seconds]
-            peer.say(seconds=seconds, load_seconds=0.0, passes=samples, image=output)
+            peer.say(
+                seconds=seconds, cpu_seconds=cpu_seconds, load_seconds=0.0, passes=samples, image=output
+            )
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import resource
 import sys
 import time
 
@@ -36,8 +37,14 @@ def skip(reason):
     sys.exit(0)
 
 
+def cpu_time():
+    """Seconds that processors have worked for this process and for its children that have ended."""
+    usages = map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
 class Clock:
-    """The wall time since loading began, less the time spent on writing pictures, and what is due by it."""
+    """Wall and CPU time since loading began, less what single pictures took, and what is due by it."""
 
     def __init__(self, arguments):
         self.budgets = list(arguments.budgets)
@@ -45,9 +52,13 @@ class Clock:
         self.pictures = 0
         self.load_seconds = 0.0
         self.start = time.perf_counter()
+        self.cpu_start = cpu_time()
 
     def seconds(self):
         return time.perf_counter() - self.start
+
+    def cpu_seconds(self):
+        return cpu_time() - self.cpu_start
 
     def loaded(self):
         """Note that the scene is ready to be rendered."""
@@ -61,19 +72,27 @@ class Clock:
         """Seconds to the next budget; negative when it has passed."""
         return self.budgets[0] - self.seconds()
 
-    def picture(self, passes, write, seconds=None):
-        """If a budget has passed, call `write(path)` off the clock and report the picture.
+    def picture(self, passes, write, make=lambda: None):
+        """If a budget has passed, report a picture: what `make()` returns, which `write(path, made)` puts into a file.
 
-        `seconds` is when the picture was there, if that was before now.
+        Making it counts for this picture and for no other, writing it for none.
         """
-        seconds = self.seconds() if seconds is None else seconds
-        if not self.running() or seconds < self.budgets[0]:
+        if not self.running() or self.remaining() > 0:
             return
-        while self.running() and self.budgets[0] <= seconds:
-            self.budgets.pop(0)
+        pause, cpu_pause = time.perf_counter(), cpu_time()
+        made = make()
+        seconds, cpu_seconds = self.seconds(), self.cpu_seconds()
+        # Making it may have outlasted further budgets.
+        self.budgets = [budget for budget in self.budgets if budget > seconds]
         self.pictures += 1
         path = os.path.join(self.outdir, f"{self.pictures}.exr")
-        pause = time.perf_counter()
-        write(path)
-        say(seconds=seconds, load_seconds=self.load_seconds, passes=passes, image=path)
+        write(path, made)
+        say(
+            seconds=seconds,
+            cpu_seconds=cpu_seconds,
+            load_seconds=self.load_seconds,
+            passes=passes,
+            image=path,
+        )
         self.start += time.perf_counter() - pause
+        self.cpu_start += cpu_time() - cpu_pause

@@ -4,9 +4,10 @@ set -eu
 directory=${1:?usage: bench/peers/setup.sh DIRECTORY}
 
 [ -x "$directory/bin/python" ] || python3 -m venv "$directory"
-"$directory/bin/pip" install --quiet mitsuba pyluxcore numpy
+"$directory/bin/pip" install --quiet mitsuba pyluxcore numpy pyoidn
 
-if ! ls /usr/lib/*/libLLVM* >/dev/null 2>&1; then
+# Older ones, which a system may have too, are not enough.
+if ! ls /usr/lib/*/libLLVM* /usr/lib/llvm-*/lib/libLLVM* 2>/dev/null | grep -Eq 'libLLVM(-|\.so\.)(1[7-9]|[2-9][0-9])'; then
     if [ "$(id -u)" = 0 ]; then
         apt-get update && apt-get install --yes libllvm19
     else

@@ -1,11 +1,13 @@
 //! Whether things have become better or worse since an earlier `results.csv`.
 
-use super::results::{Curve, Method, Point, Spread};
+use super::results::{Clock, Curve, Method, Point, Spread};
 
 /// What has become of a curve.
 #[derive(Clone, Debug)]
 pub(super) struct Change {
     pub(super) method: Method,
+    /// What seconds are told by.
+    pub(super) clock: Clock,
     /// relmse × seconds at the largest budget that both have, now over then: the time to an equal error.
     pub(super) cost: f64,
     /// Its factors: relmse at equal samples (as far as it falls with their number), and seconds per sample.
@@ -40,13 +42,16 @@ pub(super) fn compare(now: &[Curve], then: &[Curve]) -> Vec<Change> {
         let then = then.iter().find(|c| c.method.is_same(&now.method))?;
         let pair = |a: &Point| Some((a.clone(), then.points.iter().find(|b| b.budget == a.budget)?.clone()));
         let (a, b) = now.points.iter().rev().find_map(pair)?;
-        let per_pass = |f: fn(&Point) -> f64| f(&a) / f(&b);
+        let clock = Clock::of(&[now, then]);
+        let (time, time_then) = (a.timed(clock)?, b.timed(clock)?);
+        let samples = a.passes.median / b.passes.median;
         Some(Change {
             method: now.method.clone(),
-            cost: a.cost.median / b.cost.median,
-            error_per_pass: per_pass(|p| p.error.median * p.passes.median),
-            seconds_per_pass: per_pass(|p| p.seconds.median / p.passes.median),
-            verdict: verdict(a.cost, b.cost),
+            clock,
+            cost: time.cost.median / time_then.cost.median,
+            error_per_pass: a.error.median / b.error.median * samples,
+            seconds_per_pass: time.seconds.median / time_then.seconds.median / samples,
+            verdict: verdict(time.cost, time_then.cost),
         })
     };
     now.iter().filter_map(change).collect()
@@ -93,6 +98,15 @@ mod tests {
         close(change.cost, 3.0);
         close(change.error_per_pass, 6.0);
         close(change.seconds_per_pass, 0.5);
+        // Twice the work at the same time costs twice as much, if that is known of both.
+        now.iter_mut().for_each(|row| row.cpu_seconds = row.cpu_seconds.map(|s| 2.0 * s));
+        let change = &compare(&Curve::all(&now), &Curve::all(&then))[0];
+        assert_eq!(change.clock, Clock::Cpu);
+        close(change.cost, 6.0);
+        now[2].cpu_seconds = None;
+        let change = &compare(&Curve::all(&now), &Curve::all(&then))[0];
+        assert_eq!(change.clock, Clock::Wall);
+        close(change.cost, 3.0);
         // Another version is the same method, another integrator is not.
         now.iter_mut().for_each(|row| row.version = "2".into());
         assert_eq!(compare(&Curve::all(&now), &Curve::all(&then)).len(), 1);

@@ -3,7 +3,7 @@
 use super::baseline::{Change, Verdict};
 use super::pictures::{self, FULL_ERROR};
 use super::report::Report;
-use super::results::{Curve, Method, Spread, slug};
+use super::results::{Clock, Curve, Method, Spread, slug, targets};
 use maud::{DOCTYPE, Markup, html};
 
 const STYLE: &str = "
@@ -40,7 +40,8 @@ pub(super) fn page(report: &Report, curves: &[Curve], changes: &[Change]) -> Str
                     code { (info.command) }
                 }
                 p {
-                    "Seconds are wall time from the start of loading a scene to the picture. relmse is the mean over pixels and "
+                    "Seconds run from the start of loading a scene to the picture. They are CPU seconds, the work of all "
+                    "processors together, where both of what is compared have them, else wall time. relmse is the mean over pixels and "
                     "channels of (x − ref)² / (ref² + 0.01), less the reference's own error where it is known. "
                     @if info.repeats > 1 {
                         "Medians of " (info.repeats) " runs with different seeds, their extremes in brackets and as crosses in "
@@ -107,13 +108,16 @@ fn table(curves: &[&Curve]) -> Markup {
     html! {
         table {
             tr {
-                th { "method" } th { "load" } th { "samples" } th { "relmse at the end" } th { "bias" } th { "FLIP" }
+                th { "method" } th { "seconds" } th { "load" } th { "samples" } th { "relmse at the end" } th { "bias" } th { "FLIP" }
                 @for &target in &targets { th { "s to " (number(target)) } }
             }
             @for curve in curves {
                 @if let Some(last) = curve.last() {
+                    // A row is compared with the first.
+                    @let clock = first.map_or(Clock::Wall, |first| Clock::of(&[first, curve]));
                     tr {
                         td { (curve.method.label()) " " small { (curve.method.version) } }
+                        td { (clock.name()) }
                         td { (format!("{:.2} s", last.load_seconds.median)) }
                         td { (last.passes.median) }
                         td { (spread(last.error)) }
@@ -121,12 +125,12 @@ fn table(curves: &[&Curve]) -> Markup {
                         td { (format!("{:.3}", last.flip.median)) }
                         @for &target in &targets {
                             td {
-                                @match curve.time_to(target) {
-                                    None => { "> " (seconds(last.seconds.median)) },
+                                @match curve.time_to(target, clock) {
+                                    None => { @if let Some(timed) = last.timed(clock) { "> " (seconds(timed.seconds.median)) } },
                                     Some(reached) => {
                                         @if reached.at_once { "≤ " }
                                         (seconds(reached.seconds))
-                                        @if let Some(best) = first.and_then(|c| c.time_to(target)) {
+                                        @if let Some(best) = first.and_then(|c| c.time_to(target, clock)) {
                                             " " small { "×" (format!("{:.2}", reached.seconds / best.seconds)) }
                                         }
                                     },
@@ -140,31 +144,20 @@ fn table(curves: &[&Curve]) -> Markup {
     }
 }
 
-/// Round errors that some curve reaches and not every one has at once, at most the four smallest.
-fn targets(curves: &[&Curve]) -> Vec<f64> {
-    let grid = (-8..1).flat_map(|k| [10.0_f64.powi(k), 3.0 * 10.0_f64.powi(k)]);
-    let told = |error: &f64| {
-        let times: Vec<_> = curves.iter().map(|c| c.time_to(*error)).collect();
-        times.iter().any(|t| t.is_some()) && !times.iter().all(|t| t.is_some_and(|t| t.at_once))
-    };
-    let mut targets: Vec<f64> = grid.filter(told).take(4).collect();
-    targets.reverse();
-    targets
-}
-
 fn changes_table(baseline: &str, changes: &[Change]) -> Markup {
     html! {
         h2 { "Since " code { (baseline) } }
         p {
-            "Now over then. Cost is relmse times seconds at the largest common budget: how much longer an equal error takes. It is "
+            "Now over then. Cost is relmse times seconds (CPU seconds where both runs have them) at the largest common budget: how much longer an equal error takes. It is "
             "the product of the error at equal samples and the time per sample. Worse or better is what differs by more than "
             "a tenth and by more than runs do among themselves."
         }
         table {
-            tr { th { "scene, method" } th { "cost" } th { "error per sample" } th { "time per sample" } th { "" } }
+            tr { th { "scene, method" } th { "seconds" } th { "cost" } th { "error per sample" } th { "time per sample" } th { "" } }
             @for change in changes {
                 tr class=(change.verdict.name()) {
                     td { (change.method.scene) ", " (change.method.label()) }
+                    td { (change.clock.name()) }
                     @for factor in [change.cost, change.error_per_pass, change.seconds_per_pass] {
                         td { "×" (format!("{factor:.3}")) }
                     }
@@ -185,23 +178,4 @@ fn number(x: f64) -> String {
 
 fn seconds(s: f64) -> String {
     if s < 10.0 { format!("{s:.2}") } else { format!("{s:.1}") }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::results::tests::run;
-    use super::*;
-
-    #[test]
-    fn targets_are_reached_by_some_and_not_by_all_at_once() {
-        let mut rows = run("photonmap", 0, 1e-3);
-        rows.extend(run("path", 0, 1e-1));
-        let curves = Curve::all(&rows);
-        // photonmap goes from 8e-4 to 2e-4, path from 8e-2 to 2e-2.
-        assert_eq!(targets(&curves.iter().collect::<Vec<_>>()).len(), 4);
-        let own = targets(&[&curves[0]]);
-        assert_eq!(own.len(), 1);
-        assert!((own[0] / 3e-4 - 1.0).abs() < 1e-9, "{own:?}");
-        assert!(targets(&[]).is_empty());
-    }
 }

@@ -16,6 +16,8 @@ use std::time::{Duration, Instant};
 #[derive(Deserialize)]
 struct Picture {
     seconds: f64,
+    /// Not all can tell.
+    cpu_seconds: Option<f64>,
     load_seconds: f64,
     passes: u64,
     image: PathBuf,
@@ -132,7 +134,7 @@ fn outcome(lines: &[String], task: &Task) -> Result<Outcome, String> {
 }
 
 fn shot(picture: Picture, task: &Task) -> Result<Shot, String> {
-    let Picture { seconds, load_seconds, passes, image: file } = picture;
+    let Picture { seconds, cpu_seconds, load_seconds, passes, image: file } = picture;
     let image = image_io::read(&file).map_err(|e| e.to_string())?;
     if (image.width, image.height) != task.size {
         return Err(format!("its picture has {}x{} pixels", image.width, image.height));
@@ -140,7 +142,7 @@ fn shot(picture: Picture, task: &Task) -> Result<Shot, String> {
     // Its clock may differ from its budgets by rounding.
     let budget = budget(task.budgets, seconds * 1.001)
         .ok_or_else(|| format!("it made a picture after {seconds} s, before its first budget"))?;
-    Ok(Shot { budget, seconds, load_seconds, passes, image })
+    Ok(Shot { budget, seconds, cpu_seconds, load_seconds, passes, image })
 }
 
 #[cfg(test)]
@@ -185,7 +187,10 @@ mod tests {
         let Outcome::Measured(method, shots) = peer(&print(&[HEAD, "chatter", picture])) else { panic!() };
         assert_eq!((method.renderer.as_str(), method.version.as_str()), ("mitsuba", "3.9"));
         assert_eq!((shots[0].passes, shots[0].budget, shots[0].seconds), (3, 0.5, 0.7));
-        assert_eq!(shots[0].image.pixels[0], Rgb::ONE);
+        assert_eq!((shots[0].image.pixels[0], shots[0].cpu_seconds), (Rgb::ONE, None));
+        let telling = picture.replace("0.7", "0.7, \"cpu_seconds\": 1.3");
+        let Outcome::Measured(_, shots) = peer(&print(&[HEAD, &telling])) else { panic!() };
+        assert_eq!(shots[0].cpu_seconds, Some(1.3));
         // Arguments arrive one by one.
         let echo =
             r#"f() { printf '{"skipped": "%s|%s|%s|%s|%s|%s"}\n' "$1" "$4" "$6" "$8" "${10}" "${12}"; }; f"#;

@@ -1,6 +1,6 @@
 //! The plot of a scene: error over time, both logarithmic.
 
-use super::results::{Curve, Point};
+use super::results::{Clock, Curve, Point};
 use caustica::image_io::replace_file;
 use caustica::{Error, Result};
 use plotters::element::DashedPathElement;
@@ -33,9 +33,11 @@ fn draw(title: &str, curves: &[&Curve], floor: f64) -> Result<String, Box<dyn st
     let area = SVGBackend::with_string(&mut svg, (860, 520)).into_drawing_area();
     area.fill(&WHITE)?;
     let shown = |p: &&Point| p.error.min > 0.0 && p.error.max.is_finite();
-    let points = || curves.iter().flat_map(|c| &c.points).filter(shown);
-    let (x0, x1) = range(points().flat_map(|p| [p.seconds.min, p.seconds.max]));
-    let (y0, y1) = range(points().flat_map(|p| [p.error.min, p.error.max]));
+    let clock = Clock::of(curves);
+    let timed = |p: &Point| Some((p.timed(clock)?.seconds, p.error));
+    let points = || curves.iter().flat_map(|c| &c.points).filter(shown).filter_map(timed);
+    let (x0, x1) = range(points().flat_map(|(s, _)| [s.min, s.max]));
+    let (y0, y1) = range(points().flat_map(|(_, e)| [e.min, e.max]));
     let mut chart = ChartBuilder::on(&area)
         .caption(title, (FONT, 20))
         .margin(14)
@@ -47,7 +49,7 @@ fn draw(title: &str, curves: &[&Curve], floor: f64) -> Result<String, Box<dyn st
         .bold_line_style(BLACK.mix(0.2))
         .light_line_style(TRANSPARENT)
         .label_style((FONT, 14))
-        .x_desc("seconds, loading included")
+        .x_desc(format!("{} seconds, loading included", clock.name()))
         .y_desc("relmse less the reference's own")
         .x_label_formatter(&|x| seconds(*x))
         .y_label_formatter(&|y| format!("{y:.0e}"))
@@ -64,7 +66,8 @@ fn draw(title: &str, curves: &[&Curve], floor: f64) -> Result<String, Box<dyn st
         let color = COLORS[index.unwrap_or(known.len()) % COLORS.len()];
         let width = if method.0 == "caustica" { 3 } else { 2 };
         let style = color.stroke_width(width);
-        let line = curve.points.iter().filter(shown).map(|p| (p.seconds.median, p.error.median));
+        let points = || curve.points.iter().filter(shown).filter_map(timed);
+        let line = points().map(|(s, e)| (s.median, e.median));
         let series = match index {
             None => {
                 known.push(method);
@@ -77,8 +80,7 @@ fn draw(title: &str, curves: &[&Curve], floor: f64) -> Result<String, Box<dyn st
             .label(curve.method.label())
             .legend(move |(x, y)| DashedPathElement::new([(x, y), (x + 22, y)], 6, gap, style));
         // The runs' extremes in error and in time.
-        let crosses = curve.points.iter().filter(shown).flat_map(|p| {
-            let (s, e) = (p.seconds, p.error);
+        let crosses = points().flat_map(|(s, e)| {
             [[(s.median, e.min), (s.median, e.max)], [(s.min, e.median), (s.max, e.median)]]
         });
         chart.draw_series(crosses.map(|ends| PathElement::new(ends, color.stroke_width(1))))?;
@@ -138,6 +140,12 @@ mod tests {
         );
         assert!(svg.matches("<polyline").count() > 2 * 3 * 2, "{svg}");
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
+        assert!(svg.contains("CPU seconds"));
+        // One that does not tell, and all are drawn by the wall clock.
+        rows[0].cpu_seconds = None;
+        let curves = Curve::all(&rows);
+        let svg = draw("", &curves.iter().collect::<Vec<_>>(), 1e-6).unwrap();
+        assert!(svg.contains("wall seconds") && svg.matches("<polyline").count() > 2 * 3 * 2);
         assert!(draw("nothing", &[], 0.0).is_ok());
     }
 }

@@ -22,29 +22,31 @@ pub(super) struct Reference {
     pub(super) origin: String,
 }
 
-/// The reference of the scene called `name`, given or computed.
-pub(super) fn reference(args: &BenchArgs, name: &str, prepared: &Prepared) -> Result<Reference> {
-    let reference = match &args.reference {
-        None => computed(args, name, prepared)?,
-        Some(given) => {
-            let file = given_file(given, name, args.scenes.len())?;
-            let noise = args.reference_noise.iter().find(|(scene, _)| scene == name);
-            Reference {
-                image: image_io::read(&file)?,
-                relmse: noise.map_or(0.0, |n| n.1),
-                origin: file.display().to_string(),
-            }
+impl Reference {
+    /// This, if it has the scene's size.
+    pub(super) fn checked(self, prepared: &Prepared) -> Result<Reference> {
+        let (.., width, height) = prepared.scene.film.crop;
+        let Image { width: w, height: h, .. } = self.image;
+        if (w, h) == (width as usize, height as usize) {
+            return Ok(self);
         }
-    };
-    let (.., width, height) = prepared.scene.film.crop;
-    let Image { width: w, height: h, .. } = reference.image;
-    if (w, h) != (width as usize, height as usize) {
-        return Err(Error::Usage(format!(
-            "the reference {} has {w}x{h} pixels, the scene {width}x{height}; see --size",
-            reference.origin
-        )));
+        let origin = self.origin;
+        Err(Error::Usage(format!(
+            "the reference {origin} has {w}x{h} pixels, the scene {width}x{height}; see --size"
+        )))
     }
-    Ok(reference)
+}
+
+/// The given reference of the scene called `name`; `None` if it is to be computed.
+pub(super) fn given(args: &BenchArgs, name: &str) -> Result<Option<Reference>> {
+    let Some(given) = &args.reference else { return Ok(None) };
+    let file = given_file(given, name, args.scenes.len())?;
+    let noise = args.reference_noise.iter().find(|(scene, _)| scene == name);
+    Ok(Some(Reference {
+        image: image_io::read(&file)?,
+        relmse: noise.map_or(0.0, |n| n.1),
+        origin: file.display().to_string(),
+    }))
 }
 
 fn given_file(given: &Path, name: &str, scenes: usize) -> Result<PathBuf> {
@@ -63,7 +65,7 @@ const CHECKPOINT: Duration = Duration::from_secs(60);
 
 /// Traced once, and kept as a part file: with it an interrupted bench goes on where it was, and another scene of the same
 /// name is not mistaken for it.
-fn computed(args: &BenchArgs, name: &str, prepared: &Prepared) -> Result<Reference> {
+pub(super) fn computed(args: &BenchArgs, name: &str, prepared: &Prepared) -> Result<Reference> {
     let options = Options {
         integrator: Kind::Path,
         // Runs to be judged must not share its random numbers.
@@ -102,8 +104,11 @@ fn computed(args: &BenchArgs, name: &str, prepared: &Prepared) -> Result<Referen
     }
     let passes = state.range().end;
     let rendering = state.resolve();
+    // Of the difference between its even and its odd passes.
+    let relmse = rendering.error.total().powi(2);
+    args.common.verbosity.note("", &format!("{name}: the reference's own relmse is {relmse:.1e}"));
     Ok(Reference {
-        relmse: rendering.error.total().powi(2),
+        relmse,
         origin: format!("{passes} passes of the path tracer ({})", file.display()),
         image: rendering.image,
     })

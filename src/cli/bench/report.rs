@@ -13,6 +13,9 @@ use std::io::Write;
 use std::path::Path;
 use std::time::SystemTime;
 
+/// A reference with more than this part of an error says little of it, though its own is taken off.
+const NOISY: f64 = 0.2;
+
 pub(super) struct Report {
     pub(super) info: RunInfo,
     pub(super) scenes: Vec<Scene>,
@@ -64,6 +67,22 @@ impl RunInfo {
 }
 
 impl Report {
+    /// Which references are too far from converged to tell the best pictures apart.
+    pub(super) fn noisy_references(&self) -> Vec<String> {
+        let noisy = |Scene { name, reference }: &Scene| {
+            let errors = self.rows.iter().filter(|row| row.scene == *name).map(|row| row.relmse);
+            let least = errors.fold(f64::INFINITY, f64::min);
+            let noisy = least.is_finite() && reference.relmse > NOISY * least;
+            noisy.then(|| {
+                format!(
+                    "{name}: the reference is noisy: its own relmse, {:.1e}, is more than a fifth of the least one measured, {least:.1e}",
+                    reference.relmse
+                )
+            })
+        };
+        self.scenes.iter().filter_map(noisy).collect()
+    }
+
     /// What has become of the curves of the baseline.
     pub(super) fn changes(&self, curves: &[Curve]) -> Vec<Change> {
         baseline::compare(curves, &self.then)

@@ -22,7 +22,9 @@ pub(super) struct Row {
     pub(super) budget: f64,
     /// Wall time from the start of loading the scene to the picture.
     pub(super) seconds: f64,
-    /// How much of it was loading and building.
+    /// What processors worked for it in that time, if that is known; unknown in files of early versions.
+    pub(super) cpu_seconds: Option<f64>,
+    /// How much of the wall time was loading and building.
     pub(super) load_seconds: f64,
     /// Samples per pixel.
     pub(super) passes: u64,
@@ -122,7 +124,10 @@ impl Spread {
 #[derive(Clone, Debug)]
 pub(super) struct Point {
     pub(super) budget: f64,
-    pub(super) seconds: Spread,
+    /// By the wall clock.
+    wall: Timed,
+    /// By processors' work, if all runs tell.
+    cpu: Option<Timed>,
     pub(super) load_seconds: Spread,
     pub(super) passes: Spread,
     /// relmse, less the reference's own.
@@ -130,8 +135,56 @@ pub(super) struct Point {
     pub(super) flip: Spread,
     /// Relative error of the mean of all channels.
     pub(super) bias: Spread,
+}
+
+impl Point {
+    /// Times by `clock`; `None` if it was not looked at.
+    pub(super) fn timed(&self, clock: Clock) -> Option<Timed> {
+        match clock {
+            Clock::Cpu => self.cpu,
+            Clock::Wall => Some(self.wall),
+        }
+    }
+}
+
+/// When a picture was there, and what it cost.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Timed {
+    pub(super) seconds: Spread,
     /// relmse times seconds, which is the same at all budgets as long as the error falls with the number of samples.
     pub(super) cost: Spread,
+}
+
+impl Timed {
+    fn of(rows: &[&Row], seconds: impl Fn(&Row) -> f64) -> Timed {
+        Timed {
+            seconds: Spread::of(rows.iter().map(|row| seconds(row))),
+            cost: Spread::of(rows.iter().map(|row| row.own_relmse() * seconds(row))),
+        }
+    }
+}
+
+/// What curves are compared by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Clock {
+    /// The work of all processors: how many of them a renderer keeps busy is no merit of its method.
+    Cpu,
+    Wall,
+}
+
+impl Clock {
+    /// CPU time if all of `curves` have it.
+    pub(super) fn of(curves: &[&Curve]) -> Clock {
+        let all = curves.iter().flat_map(|c| &c.points).all(|p| p.cpu.is_some());
+        if all { Clock::Cpu } else { Clock::Wall }
+    }
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Clock::Cpu => "CPU",
+            Clock::Wall => "wall",
+        }
+    }
 }
 
 /// Error over time of a method.
@@ -160,16 +213,18 @@ impl Curve {
         self.points.last()
     }
 
-    /// When the median error first is at most `error`, interpolated between the points as the plot shows them; `None` if
-    /// it never is.
-    pub(super) fn time_to(&self, error: f64) -> Option<Reached> {
+    /// When, by `clock`, the median error first is at most `error`, interpolated between the points as the plot shows them;
+    /// `None` if it never is.
+    pub(super) fn time_to(&self, error: f64, clock: Clock) -> Option<Reached> {
         let found = self.points.iter().position(|p| p.error.median <= error)?;
         let b = &self.points[found];
+        let end = b.timed(clock)?.seconds.median;
         let Some(a) = found.checked_sub(1).map(|i| &self.points[i]) else {
-            return Some(Reached { seconds: b.seconds.median, at_once: true });
+            return Some(Reached { seconds: end, at_once: true });
         };
+        let start = a.timed(clock)?.seconds.median;
         let t = (error / a.error.median).ln() / (b.error.median / a.error.median).ln();
-        let seconds = a.seconds.median * (b.seconds.median / a.seconds.median).powf(t.clamp(0.0, 1.0));
+        let seconds = start * (end / start).powf(t.clamp(0.0, 1.0));
         Some(Reached { seconds, at_once: false })
     }
 }
@@ -182,20 +237,34 @@ pub(super) struct Reached {
     pub(super) at_once: bool,
 }
 
+/// Round errors that some curve reaches and not every one has at once, at most the four smallest, which come last.
+pub(super) fn targets(curves: &[&Curve]) -> Vec<f64> {
+    let grid = (-8..1).flat_map(|k| [10.0_f64.powi(k), 3.0 * 10.0_f64.powi(k)]);
+    let told = |error: &f64| {
+        let times: Vec<_> = curves.iter().map(|c| c.time_to(*error, Clock::Wall)).collect();
+        times.iter().any(|t| t.is_some()) && !times.iter().all(|t| t.is_some_and(|t| t.at_once))
+    };
+    let mut targets: Vec<f64> = grid.filter(told).take(4).collect();
+    targets.reverse();
+    targets
+}
+
 fn points(mut rows: Vec<&Row>) -> Vec<Point> {
     rows.sort_by(|a, b| a.budget.total_cmp(&b.budget));
     rows.chunk_by(|a, b| a.budget == b.budget)
         .map(|rows| {
             let spread = |value: &dyn Fn(&Row) -> f64| Spread::of(rows.iter().map(|row| value(row)));
+            // A logarithmic axis has no place for other values.
+            let known = rows.iter().all(|r| r.cpu_seconds.is_some_and(|s| s > 0.0 && s.is_finite()));
             Point {
                 budget: rows[0].budget,
-                seconds: spread(&|r| r.seconds),
+                wall: Timed::of(rows, |r| r.seconds),
+                cpu: known.then(|| Timed::of(rows, |r| r.cpu_seconds.unwrap_or(f64::NAN))),
                 load_seconds: spread(&|r| r.load_seconds),
                 passes: spread(&|r| r.passes as f64),
                 error: spread(&Row::own_relmse),
                 flip: spread(&|r| r.flip),
                 bias: spread(&|r| (r.bias_r + r.bias_g + r.bias_b) / 3.0),
-                cost: spread(&|r| r.own_relmse() * r.seconds),
             }
         })
         .collect()
@@ -219,6 +288,7 @@ pub(super) mod tests {
             seed,
             budget,
             seconds: budget * 1.25,
+            cpu_seconds: Some(budget * 2.0),
             load_seconds: 0.1,
             passes: (budget * 8.0) as u64,
             relmse: a / (budget * 1.25) + 1e-6,
@@ -240,6 +310,7 @@ pub(super) mod tests {
         let mut rows = run("photonmap", 0, 1e-2);
         rows[1].flip = f64::NAN;
         rows[1].version = "a,b \"c\"".into();
+        rows[2].cpu_seconds = None;
         write(&file, &rows).unwrap();
         let back = read(&file).unwrap();
         assert_eq!(format!("{back:?}"), format!("{rows:?}"));
@@ -254,7 +325,8 @@ pub(super) mod tests {
             [(0, 1e-2), (1, 4e-2), (2, 2e-2)].iter().flat_map(|&(seed, a)| run("path", seed, a)).collect();
         let curves = Curve::all(&rows);
         assert_eq!(curves.len(), 1);
-        let Point { seconds, error, cost, .. } = &curves[0].points[1];
+        let Point { error, .. } = &curves[0].points[1];
+        let Timed { seconds, cost } = curves[0].points[1].timed(Clock::Wall).unwrap();
         assert_eq!(seconds.median, 2.5);
         let close = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
         close(error.median, 8e-3);
@@ -262,9 +334,35 @@ pub(super) mod tests {
         close(error.max, 16e-3);
         close(cost.median, 2e-2);
         // The error is 2e-2 / t exactly, and so are all points between.
-        let reached = curves[0].time_to(6e-3).unwrap();
+        let reached = curves[0].time_to(6e-3, Clock::Wall).unwrap();
         close(reached.seconds, 2e-2 / 6e-3);
-        assert!(!reached.at_once && curves[0].time_to(0.1).unwrap().at_once);
-        assert!(curves[0].time_to(1e-4).is_none());
+        assert!(!reached.at_once && curves[0].time_to(0.1, Clock::Wall).unwrap().at_once);
+        assert!(curves[0].time_to(1e-4, Clock::Wall).is_none());
+        // Two processors were busy for 0.8 of it.
+        close(curves[0].time_to(6e-3, Clock::Cpu).unwrap().seconds, 1.6 * reached.seconds);
+        close(curves[0].points[1].timed(Clock::Cpu).unwrap().cost.median, 1.6 * 2e-2);
+    }
+
+    #[test]
+    fn cpu_time_counts_if_all_have_it() {
+        let (known, mut unknown) = (run("photonmap", 0, 1e-3), run("path", 0, 1e-3));
+        unknown[1].cpu_seconds = None;
+        let curves = Curve::all(&[known, unknown].concat());
+        assert_eq!(Clock::of(&[&curves[0]]), Clock::Cpu);
+        assert_eq!(Clock::of(&[&curves[0], &curves[1]]), Clock::Wall);
+        assert!(curves[1].points[1].timed(Clock::Cpu).is_none());
+    }
+
+    #[test]
+    fn targets_are_reached_by_some_and_not_by_all_at_once() {
+        let mut rows = run("photonmap", 0, 1e-3);
+        rows.extend(run("path", 0, 1e-1));
+        let curves = Curve::all(&rows);
+        // photonmap goes from 8e-4 to 2e-4, path from 8e-2 to 2e-2.
+        assert_eq!(targets(&curves.iter().collect::<Vec<_>>()).len(), 4);
+        let own = targets(&[&curves[0]]);
+        assert_eq!(own.len(), 1);
+        assert!((own[0] / 3e-4 - 1.0).abs() < 1e-9, "{own:?}");
+        assert!(targets(&[]).is_empty());
     }
 }
