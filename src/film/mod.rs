@@ -1,5 +1,6 @@
 //! The film: size, reconstruction filter, and the sums of passes.
 
+mod outliers;
 mod regression;
 
 use crate::image_io::Image;
@@ -628,7 +629,8 @@ impl Film {
         variance.max_element().sqrt()
     }
 
-    /// The regression of `picture` over neighbouring pixels. What is broken stays as it is.
+    /// The regression of `picture` over neighbouring pixels, who share what few samples have too much of
+    /// (`film/outliers.rs`). What is broken stays as it is.
     fn smooth(&self, picture: &[Estimate]) -> Vec<Estimate> {
         let n = picture.len();
         let passes = self.passes.map(f64::from);
@@ -650,8 +652,9 @@ impl Film {
             });
             (inputs, (scaled(&all), albedo(&all) * unit))
         };
-        let (inputs, (precise, scale)): (Vec<_>, (Vec<_>, Vec<_>)) =
+        let (mut inputs, (precise, scale)): (Vec<_>, (Vec<_>, Vec<_>)) =
             (0..n).into_par_iter().map(pixel).unzip();
+        let excess = outliers::take(self.width, &mut inputs);
         let variance: Vec<[f32; 3]> = self
             .windowed(|pixel| {
                 let [a, b] = inputs[pixel].map(|half| Vec3::from_array(half.value).as_dvec3());
@@ -661,8 +664,10 @@ impl Film {
             .map(|[variance, ..]| variance.as_vec3().to_array())
             .collect();
         let smooth = regression::smooth((self.width, self.height), &inputs, &variance, &precise);
+        let given = outliers::given(self.width, &excess, &precise, &smooth);
         let pixel = |pixel: usize| {
-            let sum = |h: usize| Vec3::from_array(smooth[pixel][h]).as_dvec3() * scale[pixel] * passes[h];
+            let of = |values: &[[[f32; 3]; 2]], h: usize| Vec3::from_array(values[pixel][h]).as_dvec3();
+            let sum = |h: usize| (of(&smooth, h) + of(&given, h)) * scale[pixel] * passes[h];
             let is_sound = picture[pixel].value.is_finite() && picture[pixel].noise.is_finite();
             if is_sound { Estimate::new([sum(0), sum(1)], passes) } else { picture[pixel] }
         };
