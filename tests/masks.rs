@@ -138,12 +138,13 @@ fn blocks(images: &[Image]) -> Vec<(f64, f64)> {
 
 /// Path tracing and photon mapping of `scene` agree in every block: by the RMS of their differences in units
 /// of their noise, widened by 1 % of what is there for bias, and in the mean.
-fn assert_agree(scene: &Scene, passes: [u32; 2], what: &str) {
+fn assert_agree(scene: &Scene, passes: [u32; 2], settings: &[&str], what: &str) {
     let images = [Kind::Path, Kind::Photonmap].map(|integrator| {
         let passes = passes[(integrator == Kind::Photonmap) as usize];
         let render = |seed| {
             let budget = Budget::Passes(passes);
-            render_with(scene, &Options { integrator, params: params(&[]), seed, budget, aovs: false }).image
+            render_with(scene, &Options { integrator, params: params(settings), seed, budget, aovs: false })
+                .image
         };
         (1..=8).map(render).collect::<Vec<_>>()
     });
@@ -179,7 +180,7 @@ fn leaves_over_glass_in_an_instance_agree_with_paths() {
     let place = DAffine3::from_translation((0.0, 0.0, 1.3).into()) * DAffine3::from_rotation_z(0.4);
     description.geometry.instances.push(Instance::new(0, place));
     for backend in backends() {
-        assert_agree(&Scene::new(description.clone(), backend).unwrap(), [256, 24], backend.name());
+        assert_agree(&Scene::new(description.clone(), backend).unwrap(), [256, 24], &[], backend.name());
     }
 }
 
@@ -196,7 +197,9 @@ fn layers_keep_their_light_apart() {
     let flat = [0.0, -0.0002].map(|z| sheet(z, 1.0, &mask(&constant(0.6), "0.6 0.5 0.4"))).concat();
     let backend = backends().next().unwrap();
     for (what, sheets) in [("flat", flat), ("curved", [curved(1.0), curved(0.9998)].concat())] {
-        assert_agree(&parse(&scene(&format!("{lamp}{sheets}")), 32, backend), [128, 16], what);
+        let scene = parse(&scene(&format!("{lamp}{sheets}")), 32, backend);
+        // Between blocks at the sphere's edge the denoiser shifts 1 % of the light.
+        assert_agree(&scene, [128, 16], &["regression=false"], what);
     }
 }
 
