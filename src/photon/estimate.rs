@@ -113,7 +113,7 @@ pub struct Estimator {
 /// Which photons the `k` are that set the radius of an estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Among {
-    /// Those on the same surface, as far as [`FAR`] tells where to look for them.
+    /// Those on the same surface; how far to look for them follows from how dense all are.
     Same,
     /// All. Where another surface is brighter, fewer are left for the estimate; the search for as many of a dim
     /// one would go through all of the bright one's (classroom: half of the time).
