@@ -58,7 +58,9 @@ pub(super) fn take(width: usize, inputs: &mut [[Input; 2]]) -> Vec<Excess> {
         (MOST[0] * sum / count).max(MOST[1] * sure[pixel])
     };
     let taken = inputs.par_iter_mut().enumerate().flat_map_iter(|(pixel, halves)| {
-        let limit = limit(pixel);
+        // Most are as bright in both halves, and need no look around.
+        let brightest = halves.iter().map(|input| brightness(&input.value)).fold(0.0, f32::max);
+        let limit = if brightest > MOST[1] * sure[pixel] { limit(pixel) } else { f32::INFINITY };
         halves.iter_mut().enumerate().filter_map(move |(half, input)| {
             let bright = brightness(&input.value);
             // False for NaN.

@@ -115,13 +115,14 @@ impl Plan {
         self.caustic_guide = caustics.and_then(|learnt| learnt.guide);
         let [global, caustic] = [self.global_photons, self.caustic_photons].map(|count| count.div_ceil(2));
         let few = Plan { global_photons: global, caustic_photons: caustic, ..self.clone() };
-        let maps = [0, 1].map(|pass| Maps::new(scene, params, &few, SEED, pass).0);
-        self.effort = Effort::new(scene, params, self.pixels, &maps[0]);
+        let maps = |pass| Maps::new(scene, params, &few, SEED, pass).0;
+        let first = maps(0);
+        self.effort = Effort::new(scene, params, self.pixels, &first);
         // Without final gathering, the map is to be shown.
         self.traces_indirect = params.final_gather
             && params.direct != DirectLight::Map
             && match params.indirect {
-                IndirectLight::Auto => indirect::is_better_traced(scene, params, &maps),
+                IndirectLight::Auto => indirect::is_better_traced(scene, params, &[first, maps(1)]),
                 IndirectLight::Map => false,
                 IndirectLight::Path => true,
             };

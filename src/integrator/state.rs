@@ -342,50 +342,46 @@ impl State {
         let start = Instant::now();
         let splats = maps.as_mut().map_or(Vec::new(), |maps| std::mem::take(&mut maps.splats));
         let (x0, y0, ..) = scene.film.crop;
-        let pixel = |x: usize,
-                     y: usize,
-                     sample: u64,
-                     (scratch, counts): &mut (Scratch, Counts),
-                     out: &mut Values| {
-            let (x, y) = (x0 + x as u32, y0 + y as u32);
-            let pixel = y as u64 * scene.film.size.0 as u64 + x as u64;
-            let set = 2 * pixel + u64::from(film::half(index));
-            let mut sampler = Sampler::new(options.seed, Stream::Eye, set, sample);
-            let ray = scene.camera_ray((x, y), &mut sampler);
-            let mut seen = Seen::default();
-            let rays = &mut counts.rays;
-            let mut shown = match &maps {
-                Some(maps) => {
-                    let effort = plan.effort.as_ref();
-                    let eye =
-                        Eye { scene, params, maps, traces: plan.traces_indirect, effort, aovs: options.aovs };
-                    eye.radiance(ray, &mut sampler, scratch, &mut seen, rays)
+        let (traces, effort) = (plan.traces_indirect, plan.effort.as_ref());
+        let pixel =
+            |x: usize, y: usize, sample: u64, (scratch, counts): &mut (Scratch, Counts), out: &mut Values| {
+                let (x, y) = (x0 + x as u32, y0 + y as u32);
+                let pixel = y as u64 * scene.film.size.0 as u64 + x as u64;
+                let set = 2 * pixel + u64::from(film::half(index));
+                let mut sampler = Sampler::new(options.seed, Stream::Eye, set, sample);
+                let ray = scene.camera_ray((x, y), &mut sampler);
+                let mut seen = Seen::default();
+                let rays = &mut counts.rays;
+                let mut shown = match &maps {
+                    Some(maps) => {
+                        let eye = Eye { scene, params, maps, traces, effort, aovs: options.aovs };
+                        eye.radiance(ray, &mut sampler, scratch, &mut seen, rays)
+                    }
+                    None => [path::radiance(scene, params, ray, &mut sampler, &mut seen, rays); 2],
+                };
+                if !(shown.iter().all(|parts| parts.sum().is_finite()) && seen.emitted.is_finite()) {
+                    // Black is off by what one sample brings; no number at all would spoil the pixel for good.
+                    counts.dropped += 1;
+                    (shown, seen.emitted) = Default::default();
                 }
-                None => [path::radiance(scene, params, ray, &mut sampler, &mut seen, rays); 2],
+                for (value, parts) in out.picture.iter_mut().zip(&shown) {
+                    // Lights seen directly add nothing else, so rounding of the difference goes with a bright pixel.
+                    *value = parts.sum() - seen.emitted;
+                }
+                out.emitted = seen.emitted;
+                out.features = seen.features;
+                if options.aovs {
+                    out.layers[layer::DIRECT] = shown[0].direct;
+                    for (level, parts) in shown.iter().enumerate() {
+                        out.layers[layer::SPECULAR[level]] = parts.specular;
+                        out.layers[layer::CAUSTIC[level]] = parts.caustic;
+                        out.layers[layer::INDIRECT[level]] = parts.indirect;
+                    }
+                    out.layers[layer::ALBEDO] = seen.albedo;
+                    out.layers[layer::NORMAL] = seen.normal;
+                    out.layers[layer::SCALARS] = Rgb::new(seen.depth, seen.density, 0.0);
+                }
             };
-            if !(shown.iter().all(|parts| parts.sum().is_finite()) && seen.emitted.is_finite()) {
-                // Black is off by what one sample brings; no number at all would spoil the pixel for good.
-                counts.dropped += 1;
-                (shown, seen.emitted) = Default::default();
-            }
-            for (value, parts) in out.picture.iter_mut().zip(&shown) {
-                // Lights seen directly add nothing else, so rounding of the difference goes with a bright pixel.
-                *value = parts.sum() - seen.emitted;
-            }
-            out.emitted = seen.emitted;
-            out.features = seen.features;
-            if options.aovs {
-                out.layers[layer::DIRECT] = shown[0].direct;
-                for (level, parts) in shown.iter().enumerate() {
-                    out.layers[layer::SPECULAR[level]] = parts.specular;
-                    out.layers[layer::CAUSTIC[level]] = parts.caustic;
-                    out.layers[layer::INDIRECT[level]] = parts.indirect;
-                }
-                out.layers[layer::ALBEDO] = seen.albedo;
-                out.layers[layer::NORMAL] = seen.normal;
-                out.layers[layer::SCALARS] = Rgb::new(seen.depth, seen.density, 0.0);
-            }
-        };
         let rows = self.film.add_pass(index, || (Scratch::new(maps.as_ref()), Counts::default()), pixel);
         for (_, counts) in rows {
             stats.rays += counts.rays;

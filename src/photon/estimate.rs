@@ -400,13 +400,16 @@ impl Estimator {
                 && map.faces(slot, &side, 0.7)
         };
         let r_max = match self.among {
-            Among::Same => self.r_max.min(FAR * tree.leaf_radius(place.p)),
-            Among::All => self.r_max,
+            Among::Same => {
+                let r_max = self.r_max.min(FAR * tree.leaf_radius(place.p));
+                tree.nearest_filtered(place.p, r_max, heap, is_beside);
+                r_max
+            }
+            Among::All => {
+                tree.nearest(place.p, self.r_max, heap);
+                self.r_max
+            }
         };
-        match self.among {
-            Among::Same => tree.nearest_filtered(place.p, r_max, heap, is_beside),
-            Among::All => tree.nearest(place.p, r_max, heap),
-        }
         let is_full = heap.is_full();
         let r2 = if is_full { heap.max_dist2() } else { r_max * r_max };
         if self.among == Among::All {
